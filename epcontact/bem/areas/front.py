@@ -134,7 +134,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         not elastic or 0 < before < last or (first > 0 and before > 0 and gap)
     )
     kink = elastic and first > 0 and last - before > max(before - first, 0.0)
-    place, doubt, hump = _root(work, hardness, gap and sunk >= 0)
+    place, doubt = _root(work, hardness, gap and sunk >= 0)
     held, away, zone = step and (place < 0.5 or not elastic), 1.0, 0.0
     if kink and not held:  # the gap's parabola through three points closes so far from the first
         bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
@@ -149,17 +149,19 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    kinked = 1.0 if kink or hump or sunk > 0 else 0.0
+    kinked = 1.0 if kink or sunk > 0 else 0.0
     return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
 
 
 @inner
-def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float, bool]:
-    """(place, doubt, whether the pressure peaks before its last point) by the polynomial.
+def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float]:
+    """(place, doubt) by the polynomial.
 
     It is Newton's, from the points beside the front outwards, for the pressure or, if no point is
     in the strip, the gap.  The outermost points may belong to another part of the surface: they are
-    left out where they would move the front more than the ones before.
+    left out where they would move the front more than the ones before, and a kink may be close if
+    the pressure has its peak before its last point then.  One step of Halley's from the line's root
+    errs less than the root, on surfaces of all kinds.
     """
     first, before, last, out, after, end = work[0]
     elastic = last < hardness
@@ -189,13 +191,12 @@ def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float, b
         terms[k], found, shift = value, found + 1, shift * (0.5 - NODES[k])
     x, slope = q[0] / (q[0] - out), out - q[0]
     doubt = min(max(-doubt / slope, -ANYWHERE), ANYWHERE) if found > 2 else ANYWHERE
-    for _ in range(9):
-        value = rate = 0.0
-        for k in range(5, -1, -1):
-            if known[k]:
-                value, rate = terms[k] + (x - NODES[k]) * value, value + (x - NODES[k]) * rate
-        step = min(max(x - value / (rate if rate < 0 else slope), 0.0), 1.0) - x
-        x += step
-        if abs(step) < 1e-3:  # after which a millionth is left
-            break
-    return x + last / (last - out) + q[0] / slope, doubt, hump
+    doubt = -KINK if hump else doubt
+    value = rate = bend = 0.0
+    for k in range(5, -1, -1):
+        if known[k]:
+            away = x - NODES[k]
+            value, rate, bend = terms[k] + away * value, value + away * rate, rate + away * bend
+    steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else slope
+    x = min(max(x - value / steep, 0.0), 1.0)
+    return x + last / (last - out) + q[0] / slope, doubt

@@ -89,6 +89,7 @@ class Block(NamedTuple):
     sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
     links: Any  # (2, 2, columns) `Link` along x and y that ends at a point, of even and odd rows
     work: FloatArray  # (4, 6)
+    cells: NDArray[np.uint16]  # (columns,) of a row that have a front or are elastic
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
@@ -104,6 +105,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.zeros((rows, columns)),
         np.empty((2, 2, columns), LINK),
         np.empty((4, 6)),
+        np.empty(columns, np.uint16),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
     _sweep(solution, block, blocks, table, found)
@@ -115,9 +117,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
 
 
 @compiled
-def _sweep(
-    solution: Solution, block: Block, blocks: NDArray[np.int64], offsets: FloatArray, found: Any
-) -> None:
+def _sweep(solution: Solution, block: Block, blocks: Any, offsets: FloatArray, found: Any) -> None:
     """Add the sums over each block, with the area less the points inside."""
     for k in range(len(blocks)):
         first, last, left, right = blocks[k]
@@ -158,17 +158,19 @@ def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int
 
 
 @inner
-def _pass(
-    block: Block, solution: Solution, ends: tuple[int, int], offsets: FloatArray, sums: Any
-) -> None:
+def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, sums: Any) -> None:
     """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
-    v, inside = block[:2]
+    v, inside, _, _, _, cells = block
     for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
-        before, here = inside[i - 1], inside[i]
+        before, here, count = inside[i - 1], inside[i], 0
+        for j in range(1, len(cells)):  # a loop that the compiler makes one over vectors
+            c = here[j]
+            cells[j] = (here[j - 1] != c) | (before[j - 1] != c) | (before[j] != c) | (c == 1)
         for j in range(PAD - 1, ends[1]):
+            wanted, cells[count] = cells[j], j
+            count += wanted
+        for j in cells[:count]:
             a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
-            if (a == c) & (b == c) & (d == c) & (c != 1):
-                continue
             code, own = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0), i >= PAD and j >= PAD
             if 0 < code < 15:
                 _cross(block, solution, (i, j))
@@ -185,7 +187,7 @@ def _pass(
 @inner
 def _cross(block: Block, solution: Solution, place: tuple[int, int]) -> None:
     """Locate the front on the links to a point along x and y that it crosses."""
-    (v, inside, sunk, links, work), (i, j), field = block, place, block.v.reshape(-1)
+    (v, inside, sunk, links, work), (i, j), field = block[:5], place, block.v.reshape(-1)
     _, rows, columns = v.shape
     is_inside = inside[i, j] > 0
     for y in range(2):
@@ -207,9 +209,7 @@ def _cross(block: Block, solution: Solution, place: tuple[int, int]) -> None:
 
 
 @inner
-def _segments(
-    block: Block, solution: Solution, cell: tuple[int, int, int], offsets: FloatArray, sums: Any
-) -> None:
+def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, sums: Any) -> None:
     """Add the segments of a front in a cell to the `Sums`; cell: i, j, 2^k for corners inside."""
     (v, _, sunk, links), (i, j, code) = block[:4], cell
     cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
@@ -261,9 +261,7 @@ def _segments(
 
 
 @inner
-def _tip(
-    v: FloatArray, inside: NDArray[np.uint8], place: tuple[int, int], hardness: float
-) -> float:
+def _tip(v: FloatArray, inside: Any, place: tuple[int, int], hardness: float) -> float:
     """1 where a point apart is a tip, less where the strip beside it is narrow, or 0.
 
     At most two of its eight neighbours are apart, not both on one line.  A spot of two or three

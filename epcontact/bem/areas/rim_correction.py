@@ -129,17 +129,18 @@ def areas_of_sums(
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
-    located, covariance = located_areas(sums, oblong), _covariance(sums, oblong, edges)
+    free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
+    alike = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
+    located, covariance = located_areas(sums, oblong), _covariance(sums, alike, oblong, edges)
     contact, plastic = sums.points
     if contact > plastic > 0:
-        located, covariance = _balanced(located, covariance, sums, share * cells)
+        located, covariance = _balanced(located, covariance, sums, alike, share * cells)
     # The load does not tell what no point shows, as the counts lack the same: zones, which belong
     # to the other front's inside, creases, which may be twice as wide, and bounds of the rest.
     zones = sums.zone[::-1]
     located = located + (-1, 1) * (zones + sums.crease)
-    unseen = (zones**2 + sums.squares) / SURE**2 + sums.crease**2
-    covariance = covariance + np.diag(unseen + (TIP / 2 * sums.tips) ** 2)
-    return _possible(located / cells, covariance / cells**2, share)
+    unseen = (zones**2 + sums.squares) / SURE**2 + sums.crease**2 + (TIP / 2 * sums.tips) ** 2
+    return _possible(located / cells, (covariance + np.diag(unseen)) / cells**2, share)
 
 
 def _areas(total: float, plastic: float) -> Areas:
@@ -165,7 +166,7 @@ def located_areas(sums: Sums, oblong: float) -> FloatArray:
     return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
-def _covariance(sums: Sums, oblong: float, edges: float) -> FloatArray:
+def _covariance(sums: Sums, alike: FloatArray, oblong: float, edges: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
@@ -174,7 +175,6 @@ def _covariance(sums: Sums, oblong: float, edges: float) -> FloatArray:
     A strip narrower than a spacing may be anywhere in its link: the load tells better.
     """
     length = sums.length + sums.shared
-    alike = np.hypot(sums.harmonic, sums.sine) / np.maximum(length - sums.held, 1e-9)
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 4) ** 2 * np.abs(sums.turn)
     common = (2 * alike * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
     common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
@@ -184,23 +184,23 @@ def _covariance(sums: Sums, oblong: float, edges: float) -> FloatArray:
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, sums: Sums, load: float
+    areas: FloatArray, covariance: FloatArray, sums: Sums, alike: FloatArray, load: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
     All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
     load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
     that is right in narrow strips, where the pressure rises antisymmetrically.  Other fronts count
-    COUNTED too much for each spacing, but at kinks anything, by chance of POINTS, or in common
-    where they run along the grid, and TIP for each tip.
+    COUNTED too much for each spacing, by chance of POINTS, but at edges and kinks anything, as
+    where they run in one direction, along the grid; and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
-    length, held = sums.length, sums.held
-    counted = COUNTED * (length - held) + TIP * sums.tips
+    counted = COUNTED * (sums.length - sums.held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    doubt = POINTS * length + (ANYWHERE * sums.harmonic) ** 2 + (COUNTED * sums.kinked) ** 2
+    anywhere = sums.held**2 + sums.kinked**2 + (alike * sums.harmonic) ** 2
+    doubt = POINTS * sums.length + ANYWHERE**2 * anywhere
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
     moved = areas + gain * (carried - slopes @ areas)
@@ -209,10 +209,11 @@ def _balanced(
 
 def copies(pressure: FloatArray) -> int:
     """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
-    count, close = 1, ALIKE * float(pressure.max() - pressure.min())
-    for rows in (pressure, pressure.T):
-        n, first = len(rows), int(rows.max(axis=1).argmax())
-        order = [(first + i) % n for i in range(n)]  # the highest rows differ at once, or not
+    count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
+    close = ALIKE * float(pressure[peak] - pressure.min())
+    for rows, first in zip((pressure, pressure.T), peak, strict=True):
+        n = len(rows)
+        order = [(int(first) + i) % n for i in range(n)]  # the highest rows differ at once, or not
         for times in range(n, 1, -1):
             # What hardly changes in one step of the copies does in half of all of them.
             steps = {n // times, n // times * (times // 2)}
