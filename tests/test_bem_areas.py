@@ -256,7 +256,7 @@ def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fallen, u):
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", sorted({*area_bank.KINDS} - {"rounded"}))
 def test_refinement_makes_no_claim_less_true(kind, seed):
-    """On n, 2n, 4n points against 8n an error exceeds neither 2.5 deviations nor the coarser one."""
+    """On n, 2n, 4n points against 8n no error exceeds 2.5 deviations and the coarser one."""
     scene, times = area_bank.scene(kind, seed, 48), []
     (_, exact, doubt), *found = (area_bank.estimated(*scene.solved(k)) for k in (8, 1, 2, 4))
     for _, area, claim in found:
