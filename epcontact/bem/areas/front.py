@@ -160,8 +160,8 @@ def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float]:
     It is Newton's, from the points beside the front outwards, for the pressure or, if no point is
     in the strip, the gap.  The outermost points may belong to another part of the surface: they are
     left out where they would move the front more than the ones before, and a kink may be close if
-    the pressure has its peak before its last point then.  One step of Halley's from the line's root
-    errs less than the root, on surfaces of all kinds.
+    the pressure has its peak before its last point then.  Two steps of Halley's from the line's
+    root err less than the root itself, on surfaces of all kinds.
     """
     first, before, last, out, after, end = work[0]
     elastic = last < hardness
@@ -192,11 +192,12 @@ def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float]:
     x, slope = q[0] / (q[0] - out), out - q[0]
     doubt = min(max(-doubt / slope, -ANYWHERE), ANYWHERE) if found > 2 else ANYWHERE
     doubt = -KINK if hump else doubt
-    value = rate = bend = 0.0
-    for k in range(5, -1, -1):
-        if known[k]:
-            away = x - NODES[k]
-            value, rate, bend = terms[k] + away * value, value + away * rate, rate + away * bend
-    steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else slope
-    x = min(max(x - value / steep, 0.0), 1.0)
+    for _ in range(2):
+        value = rate = bend = 0.0
+        for k in range(5, -1, -1):
+            if known[k]:
+                away = x - NODES[k]
+                value, rate, bend = terms[k] + away * value, value + away * rate, rate + away * bend
+        steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else slope
+        x = min(max(x - value / steep, 0.0), 1.0)
     return x + last / (last - out) + q[0] / slope, doubt

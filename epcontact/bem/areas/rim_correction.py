@@ -42,7 +42,7 @@ COUNTED = 0.129
 #: Variance of the points inside, for a spacing of front (Kendall, Q. J. Math. 19 (1948) 1).
 POINTS = 0.0728
 #: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
-EDGES = 0.085
+EDGES = 0.09
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -132,8 +132,7 @@ def areas_of_sums(
     free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
     alike = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
     located, covariance = located_areas(sums, oblong), _covariance(sums, alike, oblong, edges)
-    contact, plastic = sums.points
-    if contact > plastic > 0:
+    if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, alike, share * cells)
     # The load does not tell what no point shows, as the counts lack the same: zones, which belong
     # to the other front's inside, creases, which may be twice as wide, and bounds of the rest.
@@ -171,14 +170,15 @@ def _covariance(sums: Sums, alike: FloatArray, oblong: float, edges: float) -> F
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
     those at edges and kinks, and twice its doubt as far as it is alike.  What a spot lacks by its
-    curvature is known to a quarter, as is a release, the offset's change with direction to a third.
-    A strip narrower than a spacing may be anywhere in its link: the load tells better.
+    curvature is known to a sixth, and to a tenth in common, a release to a quarter, the offset's
+    change with direction to a third.  A strip narrower than a spacing may be anywhere in its link.
     """
     length = sums.length + sums.shared
-    chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 4) ** 2 * np.abs(sums.turn)
+    chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
     common = (2 * alike * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
     common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (sums.released / 4) ** 2 + (STRIPS * length.min()) ** 2
+    common += (CORNER / 10 * sums.turn) ** 2
     together = ANYWHERE**2 * sums.shared.mean() + (edges * (alike * sums.shared).mean()) ** 2
     return np.asarray(np.diag(chance + common) + together)
 
@@ -211,8 +211,7 @@ def copies(pressure: FloatArray) -> int:
     """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
     count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
     close = ALIKE * float(pressure[peak] - pressure.min())
-    for rows, first in zip((pressure, pressure.T), peak, strict=True):
-        n = len(rows)
+    for rows, n, first in zip((pressure, pressure.T), pressure.shape, peak, strict=True):
         order = [(int(first) + i) % n for i in range(n)]  # the highest rows differ at once, or not
         for times in range(n, 1, -1):
             # What hardly changes in one step of the copies does in half of all of them.
