@@ -1,17 +1,17 @@
 """Where a front is: its place between two grid points, exact for a straight front along the grid.
 
-At a front between apart and elastic points the discrete problem on the half-line is solved by a
-Wiener-Hopf factorisation of the compliance 2/(E* |q|), |q| < pi/dx.  Let q(x) = alpha + beta x +
-... be the polynomial that sqrt(distance) p is in the continuum.  The pressure inside is
-(1/S_+) q and the gap outside is -S_- q.  The leading coefficients of S give, in units of
-c = pi E*/(2 e dx), with b = Si(pi)/pi and points counted from the last in contact outwards,
+Between apart and elastic points the discrete problem on the half-line is solved by a Wiener-Hopf
+factorisation S_- S_+ of the compliance 2/(E* |q|), |q| < pi/dx.  In the continuum the pressure
+times the root of the distance from the front is a polynomial q(x) that vanishes at the front.  On
+the grid the pressure inside is (1/S_+) q and the gap outside is -S_- q.  Let x count points from
+the last in contact outwards, p_0, p_1, ... be the pressures from there inwards, and g_1, g_2, ...
+the gaps outwards.  With c = pi E*/(2 e dx), b = Si(pi)/pi and d = Si(2 pi)/(2 pi)
 
     q(0) = p_0,  q(-1) = p_1 + b p_0,  q(-2) = p_2 + b p_1 + (b^2/2 + d) p_0  (to a common factor),
-    q(1) = -c g_1,  q(2) = -c (g_2 - b g_1),  q(3) = -c (g_3 - b g_2 + (b^2/2 - d) g_1)
+    q(1) = -c g_1,  q(2) = -c (g_2 - b g_1),  q(3) = -c (g_3 - b g_2 + (b^2/2 - d) g_1).
 
-with d = Si(2 pi)/(2 pi).  The front is AXIS_OFFSET dx short of the root of q between 0 and 1, that
-of the polynomial through those of the six values that this contact and this gap have: the offset is
-exact up to the fifth order in dx, as the magnitude of S has no further terms.
+The front is AXIS_OFFSET dx short of the root, between 0 and 1, of the polynomial through those of
+the six values that this contact and this gap have, exactly up to the fifth order in dx.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from epcontact.results import FloatArray
 
-#: Offset of a front along an axis, in dx: 1/4 - (1/2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
+#: Offset of a front along an axis, in dx: 1/4 - 1/(2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx; MIX is b, INNER is b^2/2 + d and OUTER b^2/2 - d.
 STIFFNESS = math.pi / (2 * math.e)
@@ -34,15 +34,15 @@ NODES = np.array([0.0, 1.0, -1.0, 2.0, -2.0, 3.0])
 INVERSE = 1 / (NODES[:, None] - NODES + np.eye(6))
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: A gap that changes by this multiple of its changes beside it has a step (3 to 12 do as well).
+#: A step is where p - c g changes by this multiple of its changes on both sides (3 to 12 do).
 STEP = 6.0
 #: At a kink the gap's parabola closes KINK p/(p + c g) spacings too far out (`rim.calibrate_kink`).
 KINK = 0.13
 #: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
 EDGE = 0.75
 
-#: Compiles a function of this room; nothing calls one from C.  An inner one becomes a part of what
-#: calls it: arguments, and the references that arrays count, would take as long as their work.
+#: Compiles a function of `front` or `grid`.  An inner one is compiled into its caller: to hand over
+#: arrays takes as long as the work.
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 compiled = numba.njit(**_OPTIONS)
 inner = numba.njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
@@ -51,12 +51,12 @@ inner = numba.njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=F
 class Link(NamedTuple):
     """What is found on a link between two points that a front crosses, in spacings."""
 
-    place: float  # of the front from the point inside; 1/2 where a step holds it
+    place: float  # of the root of q from the point inside; 1/2 where a step holds the front
     doubt: float  # by how much the last term of the polynomial moves it outwards: it may be there
     held: float  # 1 if a step of the surface holds the front: any place is equally likely
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: float  # 1 at a kink or close before one, and where the surface has flowed
-    fallen: float  # what the last point has lost since it flowed, by the hardness; 0 elsewhere
+    kinked: float  # 1 at a kink, and where the point inside has flowed before
+    fallen: float  # what the last point has lost since it flowed, over the hardness; 0 elsewhere
 
 
 @compiled
@@ -81,8 +81,8 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
     """(half-width, shift towards b) in spacings of the gap at a kink of the surface, or zeros.
 
     a to e: p - c g of five points, of which the centre may be apart.  In the continuum p falls
-    to p0 + k ln s at a kink, and to k arccosh(s/w) beside a gap of half-width w, which is the same
-    far away if w = 2 exp(-p0/k).  On the grid p of a kink at a point is p0 + k (ln .1033, 0.197,
+    to P + k ln s at a kink, and to k arccosh(s/w) beside a gap of half-width w, which is the same
+    far away if w = 2 exp(-P/k).  On the grid p of a kink at a point is P + k (ln .1033, 0.197,
     0.664) at 0, 1 and 2 spacings, and that of a kink between two points is the mean of theirs.  A
     gap at the centre changes p there by c g e/2 and beside it by -c g 2 e/pi^2.
     """
@@ -91,7 +91,9 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
         centre *= math.e / 2
     lean = abs(b - d)
     k = (b + d - 2 * centre + 2.363 * lean) / 4.935
-    bend = (a - 2 * b if b > d else e - 2 * d) + centre  # -2 k at a kink, positive where smooth
+    bend = (
+        a - 2 * b if b > d else e - 2 * d
+    ) + centre  # -k to -2 k at a kink, positive where smooth
     if min(b, d) < centre or bend > lean / 2.935 - k:
         return 0.0, 0.0
     half = 0.20655 * math.exp((0.841 * lean - centre) / k)
@@ -120,6 +122,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
 
     work: (4, 6) memory that begins with v of `grid`; sunk: c w where flow has lowered the third by
     w and the fourth never, negative where it has lowered both; yielded: the hardness of that flow.
+    Unloading has taken the same from both beside a steep edge: the place there is that of the peak.
     """
     first, before, last, out, after, end = work[0]
     slope, elastic = last + sunk - out, last < hardness
@@ -136,7 +139,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
     kink = elastic and first > 0 and last - before > max(before - first, 0.0)
     place, doubt = _root(work, hardness, gap and sunk >= 0)
     held, away, zone = step and (place < 0.5 or not elastic), 1.0, 0.0
-    if kink and not held:  # the gap's parabola through three points closes so far from the first
+    if kink and not held:  # the gap's parabola (a line without `end`) closes so far from `out`
         bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
         rise = out - after - bend
         if gap and rise > 0:
@@ -149,8 +152,7 @@ def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Li
         return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
     if kink:
         place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    kinked = 1.0 if kink or sunk > 0 else 0.0
-    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, kinked, 0.0)
+    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, 1.0 if kink or sunk > 0 else 0.0, 0.0)
 
 
 @inner
@@ -158,10 +160,9 @@ def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float]:
     """(place, doubt) by the polynomial.
 
     It is Newton's, from the points beside the front outwards, for the pressure or, if no point is
-    in the strip, the gap.  The outermost points may belong to another part of the surface: they are
-    left out where they would move the front more than the ones before, and a kink may be close if
-    the pressure has its peak before its last point then.  Two steps of Halley's from the line's
-    root err less than the root itself, on surfaces of all kinds.
+    in the strip, the gap.  The outermost points are left out where they would move the front more
+    than the fourth term does; if the pressure then peaks before its last point, a kink may move the
+    front inwards.  Two steps of Halley's from the line's root err less than the root, on all kinds.
     """
     first, before, last, out, after, end = work[0]
     elastic = last < hardness

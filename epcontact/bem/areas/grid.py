@@ -87,7 +87,7 @@ class Block(NamedTuple):
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
-    links: Any  # (2, 2, columns) `Link` along x and y that ends at a point, of even and odd rows
+    links: Any  # (2, 2, columns) `Link` along x and y to a point of even and odd rows, from before
     work: FloatArray  # (4, 6)
     cells: NDArray[np.uint16]  # (columns,) of a row that have a front or are elastic
 
@@ -224,7 +224,8 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
     narrow, u, peak = min(solution.hardness / steep, 1.0) ** 2, solution.yielded / steep, (dx, dy)
     a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
     if max(a, b, c, d) > 0:
-        peak = dx + (b + c - a - d) / 2, dy + (c + d - a - b) / 2  # the gradient at the peak load
+        fall = solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
+        peak = dx + (b + c - a - d) / 2, dy + fall  # the gradient at the peak load
         if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
             u = np.inf
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1

@@ -3,14 +3,15 @@
 Counting grid points overestimates a contact by its rim, and underestimates its plastic part, the
 mirror image.  In cells, with lengths in spacings, the contact is
 
-    A = A_located - (integral of offset(u) + HARMONIC cos 4 theta along the front)
-        + CORNER * (Euler number) - TIP * (number of tips) - (zones and creases that show no point)
+    A = A_located + CORNER * (Euler number)
+        - (integral of offset(u) + HARMONIC cos 4 theta along the front) - TIP * (number of tips)
+        - (zones that the plastic front tells, and creases, that show no point)
 
-and for the plastic part all terms but that of CORNER have the opposite sign (`located_areas`).  The
-offset is that of the discrete problem at a straight front of any direction theta, with an elastic
-strip of any width u beside it.  CORNER is what a front lacks by its curvature, the inverse of whose
-radius integrates to the Euler number.  Tips, zones and creases are what is narrower than a spacing.
-A front that rests on a step is somewhere between two points, so that the count is right there.
+and for the plastic part the lower two lines are added, with the contact's zones.  The offset is
+that of the discrete problem at a straight front of any direction theta, with an elastic strip of
+any width u beside it, and none where a step of the surface holds the front.  CORNER is what a front
+lacks by its curvature, which integrates to the Euler number; tips, zones and creases are what is
+narrower than a spacing.  On oblong cells the offset is larger (OBLONG).
 
 The load is one more measurement of the areas (`_balanced`), their errors follow from the same sums
 (`_covariance`), and `_possible` cuts off what cannot carry the load.  `rim`, `error_bars` and
@@ -68,14 +69,15 @@ def estimate_areas(
     pressure's shape, what earlier flow has lowered the surface by, in m, where a load is no longer
     the largest.  Where no point flows then, nothing does, and the plastic area is 0.
 
-    The error is meant to cover nine out of ten errors of the corrected areas; beyond dx/dy = 2 and
-    for fronts of one direction it grows.  No array of the grid's size is made.
+    The error is meant to cover nine of ten errors of the corrected areas.  No large array is made.
     """
     # Also arrays of another byte order, which compiled loops would misread.
     pressure, gap = array("pressure", pressure), array("gap", gap)
-    if pressure.shape != gap.shape or len(spacing) != pressure.ndim or pressure.ndim > 2:
+    flowed = None if flowed is None else array("flowed", flowed)
+    shapes = {values.shape for values in (pressure, gap, flowed) if values is not None}
+    if len(shapes) > 1 or len(spacing) != pressure.ndim or pressure.ndim > 2:
         raise InvalidScene(
-            f"pressure {pressure.shape}, gap {gap.shape} and {len(spacing)} spacings do not fit: "
+            f"arrays of {sorted(shapes)} points and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
     hardness = number("hardness", hardness, "positive, in Pa", lambda v: v > 0)
@@ -83,12 +85,9 @@ def estimate_areas(
     effective_modulus = number(
         "effective_modulus", effective_modulus, "positive, in Pa", lambda v: 0 < v < math.inf
     )
-    for name, values in (("pressure", pressure), ("gap", gap)):
-        if not (values.size and math.isfinite(values.sum())):
-            raise InvalidScene(
-                f"{name} is empty or holds NaN or infinite values: all must be finite"
-            )
-    flowed = None if flowed is None else array("flowed", flowed)
+    for name, values in (("pressure", pressure), ("gap", gap), ("flowed", flowed)):
+        if values is not None and not (values.size and math.isfinite(values.sum())):
+            raise InvalidScene(f"{name} is empty or holds NaN or infinite numbers: all are finite")
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
     return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
 
@@ -118,9 +117,9 @@ def sums_of_fronts(
     shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
-    alike, each = copies(pressure), np.concatenate(parts)
-    sums = Sums(*(each[name].sum(axis=0) / alike for name in Sums._fields))
-    return sums, float(pressure.mean()) / hardness, pressure.size / alike, dx / dy
+    times, each = copies(pressure), np.concatenate(parts)
+    sums = Sums(*(each[name].sum(axis=0) / times for name in Sums._fields))
+    return sums, float(pressure.mean()) / earlier[1], pressure.size / times, dx / dy
 
 
 def areas_of_sums(
@@ -130,12 +129,12 @@ def areas_of_sums(
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
     free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
-    alike = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
-    located, covariance = located_areas(sums, oblong), _covariance(sums, alike, oblong, edges)
+    aligned = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
+    located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong, edges)
     if sums.points[0] > sums.points[1] > 0:
-        located, covariance = _balanced(located, covariance, sums, alike, share * cells)
+        located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
     # The load does not tell what no point shows, as the counts lack the same: zones, which belong
-    # to the other front's inside, creases, which may be twice as wide, and bounds of the rest.
+    # to the other front's inside, creases, as uncertain as they are wide, and bounds of the rest.
     zones = sums.zone[::-1]
     located = located + (-1, 1) * (zones + sums.crease)
     unseen = (zones**2 + sums.squares) / SURE**2 + sums.crease**2 + (TIP / 2 * sums.tips) ** 2
@@ -154,8 +153,8 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     far = np.abs(moved - areas)
     claims = SURE * np.sqrt(np.diag(covariance)) + far
     total, plastic = np.minimum(claims, np.maximum(moved - low, high - moved))
-    apart, elastic = covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1], moved[0] - moved[1]
-    claim = min(SURE * math.sqrt(max(apart, 0.0)) + far.sum(), max(elastic, 1 - elastic))
+    variance, elastic = np.trace(covariance) - 2 * covariance[0, 1], moved[0] - moved[1]
+    claim = min(SURE * math.sqrt(max(variance, 0.0)) + far.sum(), max(elastic, 1 - elastic))
     return _areas(*moved), Areas(float(total), float(claim), float(plastic))
 
 
@@ -165,7 +164,7 @@ def located_areas(sums: Sums, oblong: float) -> FloatArray:
     return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
-def _covariance(sums: Sums, alike: FloatArray, oblong: float, edges: float) -> FloatArray:
+def _covariance(sums: Sums, aligned: FloatArray, oblong: float, edges: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
@@ -173,18 +172,17 @@ def _covariance(sums: Sums, alike: FloatArray, oblong: float, edges: float) -> F
     curvature is known to a sixth, and to a tenth in common, a release to a quarter, the offset's
     change with direction to a third.  A strip narrower than a spacing may be anywhere in its link.
     """
-    length = sums.length + sums.shared
+    shorter = (sums.length + sums.shared).min()
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
-    common = (2 * alike * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
+    common = (2 * aligned * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
     common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
-    common += (sums.released / 4) ** 2 + (STRIPS * length.min()) ** 2
-    common += (CORNER / 10 * sums.turn) ** 2
-    together = ANYWHERE**2 * sums.shared.mean() + (edges * (alike * sums.shared).mean()) ** 2
+    common += (CORNER / 10 * sums.turn) ** 2 + (sums.released / 4) ** 2 + (STRIPS * shorter) ** 2
+    together = ANYWHERE**2 * sums.shared.mean() + (edges * (aligned * sums.shared).mean()) ** 2
     return np.asarray(np.diag(chance + common) + together)
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, sums: Sums, alike: FloatArray, load: float
+    areas: FloatArray, covariance: FloatArray, sums: Sums, aligned: FloatArray, load: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
@@ -199,7 +197,7 @@ def _balanced(
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     counted = COUNTED * (sums.length - sums.held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    anywhere = sums.held**2 + sums.kinked**2 + (alike * sums.harmonic) ** 2
+    anywhere = sums.held**2 + sums.kinked**2 + (aligned * sums.harmonic) ** 2
     doubt = POINTS * sums.length + ANYWHERE**2 * anywhere
     gain = covariance @ slopes
     gain /= slopes @ gain + slopes**2 @ doubt
