@@ -3,7 +3,10 @@
 import os
 
 import pytest
+from hypothesis import settings
 
+settings.register_profile("without a clock", deadline=None)
+settings.load_profile("without a clock")
 os.environ.pop("PYTHONUNBUFFERED", None)  # users' output is buffered
 # Workers of xdist share the cores, and threads of numpy's linear algebra wait by spinning.
 if "PYTEST_XDIST_WORKER" in os.environ:

@@ -213,7 +213,7 @@ def verified(case, output):
 def for_each(examples, strategy, judge):
     """Judge so many mutants, the same ones every time."""
     same = settings(
-        max_examples=examples, derandomize=True, deadline=None, database=None,
+        max_examples=examples, derandomize=True, database=None,
         suppress_health_check=list(HealthCheck),
     )  # fmt: skip
     same(given(strategy)(judge))()

@@ -5,6 +5,7 @@ The table is the package `breaking`; `python -m breaking` prints it.  A fault is
 The named gate alone is judged; `pytest cases` shows that all gates hold without the faults.
 """
 
+import sys
 from collections import Counter
 
 import breaking
@@ -19,6 +20,15 @@ SCENE = {f"tests/test_shown.py::test_{name}" for name in (
     "every_figure_of_an_answer_follows_from_the_pressures", "a_view_shows_the_fields",
     "a_field_file_is_that_of_the_last_load", "a_chart_shows_the_fields_and_the_figures",
 )}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_kept():
+    """What the package has computed under a fault, and kept, does not outlive it."""
+    yield
+    modules = [module for name, module in sys.modules.items() if name.startswith("epcontact")]
+    for kept in [kept for module in modules for kept in vars(module).values()]:
+        getattr(kept, "cache_clear", lambda: None)()
 
 
 def dear(fault):

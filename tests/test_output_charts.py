@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import python
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -211,7 +211,6 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them():
 
 
 @given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30))
-@settings(deadline=None)
 def test_nothing_beats_the_pareto_front(points):
     front = [*map(tuple, pareto_front(*zip(*points, strict=True)).tolist())]
     beaten = {p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p}
@@ -219,7 +218,6 @@ def test_nothing_beats_the_pareto_front(points):
 
 
 @given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
-@settings(deadline=None)
 def test_the_order_of_a_power_law_is_its_exponent(order, factor):
     h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
     error = np.array([*(factor * h[:4] ** order), 1.0])
@@ -229,7 +227,6 @@ def test_the_order_of_a_power_law_is_its_exponent(order, factor):
 
 
 @given(pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50), bins=st.integers(1, 80))
-@settings(deadline=None)
 def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
     """The sum holds where many points share one pressure, a step of the cumulative area, too."""
     sigma = np.append(np.sort(pressures), 1e9)

@@ -89,7 +89,7 @@ def contacts(draw, widest=1.7):
     return (H * spread / 2) ** 2, p0, H
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(contacts())
 @example((0.16, 1e-12, 1.0))
 @example((0.16, 1 - 2.0**-40, 1.0))
@@ -113,7 +113,7 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
     assert (one.plastic, one.elastic) == (other.separated, other.elastic)
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=250, derandomize=True)
 @given(contacts(widest=1.0), st.floats(0, 1), st.floats(-4, 4), st.booleans())
 def test_distribution_is_right(contact, share, offset, near_start):
     """Pressures anywhere, and within a few widths of the mean pressure."""

@@ -203,7 +203,7 @@ def test_the_differential_rules_solve_their_equation(reduction, hardness):
     assert_allclose(reduced_diffusion(reduction, TAU, 12.5, 150.0), exact, rtol=1e-11)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(st.floats(-6, 8), st.floats(0.05, 1.0), st.floats(0.01, 4) | st.just(math.inf))
 def test_the_whole_band_rule_solves_its_equation(log_tau, gamma, wall):
     G = reduced_diffusion(EnergyReduction(gamma, "xu"), 10.0**log_tau, 1.0, 10.0**wall)
