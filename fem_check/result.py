@@ -17,8 +17,8 @@ the neighbour of an open one, the elastic rim is narrower than a spacing, and th
 nodes is the load: neither front is corrected there, only doubted, as the correction would make the
 area of rough surfaces with a hardness of 0.01 to 0.1 E* xi too small by 3 to 19 %.
 
-Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", the contact nodes
-that touch an element of the top layer in which some Gauss point has flowed, now or earlier.
+Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", contact nodes at
+an element of the top layer that has ever flowed, less their share of the contact's correction.
 """
 
 from __future__ import annotations
@@ -159,22 +159,22 @@ def areas(
     total, flowing = float(touching.mean()), float(plastic.mean())
     rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if states.shape[1] == 1 else math.pi / 4)
     rim /= states.size
-    outer, inner = rim * count_switches(touching), rim * count_switches(plastic) * capped
+    ends, fronts = count_switches(touching), count_switches(plastic)
+    outer, inner = rim * ends, rim * fronts
     # Each pair of an open and a capped node is a switch of both fronts.
     direct = (outer + inner - rim * count_switches(elastic)) / 2 if capped else 0.0
     right_total = max(0.0, total - (outer - direct))
-    if capped:
-        right_plastic = min(right_total, flowing + inner - direct)
-    else:
+    right_plastic = min(right_total, flowing + inner - direct)
+    if not capped:
         right_plastic = flowing * (right_total / total if total else 1.0)
-    raw = Areas(total, total - flowing, flowing)
-    corrected = Areas(right_total, right_total - right_plastic, right_plastic)
+        inner = flowing - right_plastic
+    corrected = Areas(right_total, max(right_total - right_plastic, 0.0), right_plastic)
     roundings = 12 if states.shape[1] == 1 else 24
     outer, inner = (
         math.hypot(part / 4, 2 * math.sqrt(count / roundings) / states.size)
-        for part, count in ((min(total, outer), outer / rim), (inner, inner / rim))
+        for part, count in ((min(total, outer), ends), (inner, fronts))
     )
-    return raw, corrected, Areas(outer, outer + inner, inner)
+    return Areas(total, total - flowing, flowing), corrected, Areas(outer, outer + inner, inner)
 
 
 def count_switches(inside: NDArray[np.bool_]) -> int:
