@@ -29,7 +29,7 @@ from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjud
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.made import commit_of
-from epcontact.harness.verdict.read_back import require_faithful, require_untouched
+from epcontact.harness.verdict.read_back import require_faithful, require_untouched, signed_again
 from epcontact.harness.verdict.verification import only_writer, verify, write_verdict
 from epcontact.machine import available_cores
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
@@ -414,6 +414,18 @@ def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, pla
     with pytest.raises(OutputError, match=words):
         require_faithful(folder)
     assert not [name for name in ("verdict.json", "junit.xml") if (folder / name).exists()]
+
+
+def test_a_run_beside_a_verdict_leaves_it_signed_if_its_figures_stay(written, tmp_path):
+    folder = Path(shutil.copytree(written, tmp_path / "out"))
+    content = (folder / BEM).read_text()
+    with signed_again(folder):
+        (folder / BEM).write_text(content + "\n")
+    require_untouched(folder)
+    with signed_again(folder):
+        (folder / BEM).write_text(content.replace("0.1", "0.2"))
+    with pytest.raises(OutputError, match="was changed after"):
+        require_untouched(folder)
 
 
 def test_a_damaged_file_is_one_sentence(written, tmp_path):

@@ -22,6 +22,7 @@ from epcontact.harness.case_files.case import Case, CaseText, find_case, find_na
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
+from epcontact.harness.verdict.read_back import signed_again
 from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
 from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
@@ -54,7 +55,7 @@ def run(
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     run = replace(run, fields="steps" if fields == "film" else fields or "first", rows=True)
-    with options.shown_progress(run) as shown:
+    with options.shown_progress(run) as shown, signed_again(run.folder):
         answers = run_cases([chosen], shown)[loaded.id]
     console = open_console()
     console.print(tables.answers_table(answers, console.width))

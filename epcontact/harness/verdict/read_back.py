@@ -21,7 +21,7 @@ from typing import Any
 from pydantic_core import to_json
 
 from epcontact.errors import OutputError
-from epcontact.files import read_bytes
+from epcontact.files import read_bytes, write_json
 
 Data = Mapping[str, Any]  # the content of a JSON file
 
@@ -69,6 +69,20 @@ def require_untouched(folder: Path) -> None:
             f"cannot show {folder / 'verdict.json'}: it or an answer beside it was changed after "
             "verify wrote them; run verify again"
         )
+
+
+@contextlib.contextmanager
+def signed_again(folder: Path) -> Iterator[None]:
+    """Sign the verdict of a folder for the answers that are written meanwhile, if it was signed for
+    those before and its figures are those of the new ones."""
+    signed = False
+    with contextlib.suppress(OutputError):
+        require_untouched(folder)
+        signed = True
+    yield
+    if signed and not [*_contradictions(folder)]:
+        verdict = json.loads(read_bytes(folder / "verdict.json"))
+        write_json(folder / "verdict.json", verdict | {"digest": digest_of(verdict, folder)})
 
 
 def _contradictions(folder: Path) -> Iterator[str]:
