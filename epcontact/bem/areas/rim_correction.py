@@ -134,10 +134,10 @@ def areas_of_sums(
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
     # The load does not tell what no point shows, as the counts lack the same: zones, which belong
-    # to the other front's inside, creases, as uncertain as they are wide, and bounds of the rest.
-    zones = sums.zone[::-1]
-    located = located + (-1, 1) * (zones + sums.crease)
-    unseen = (zones**2 + sums.squares) / SURE**2 + sums.crease**2 + (TIP / 2 * sums.tips) ** 2
+    # to the other front's inside, creases and a lone point, as uncertain as wide, and other bounds.
+    located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
+    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (TIP / 2 * sums.tips) ** 2
+    unseen += sums.crease**2 + (located * (sums.points == 1)) ** 2
     return _possible(located / cells, (covariance + np.diag(unseen)) / cells**2, share)
 
 
