@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from epcontact import results
+from epcontact import bem, results
 from epcontact.results import ELASTIC, Areas, ContactResult, LoadStep, Provenance
 
 
@@ -48,15 +48,23 @@ returns_a_table = lambda _: {"area": 0.1}
 returns_another_grid = lambda s: replace(full_contact(s), fields={"pressure": np.zeros(3)})
 has_no_steps = lambda scene: replace(full_contact(scene), steps=())
 leaves_no_name = lambda s: replace(full_contact(s), fields={"": np.zeros(32)})
+answers_twice = lambda s: replace(full_contact(s), steps=2 * full_contact(s).steps)
+names_a_number = lambda s: replace(full_contact(s), fields={1: np.zeros(32)})
+is_unsure = lambda s: replace(full_contact(s), converged="yes")
+is_far_off = lambda s: replace(full_contact(s), steps=(LoadStep(1e9, {}, {"gap": np.nan}),))
+presses_infinitely = lambda s: replace(full_contact(s), fields={"pressure": np.full(32, np.inf)})
 returns_words = lambda s: replace(full_contact(s), cost={"seconds": "words"})
 
 
-def invents_its_headlines(scene):
-    """Pressures of full contact, under areas, an error and a distribution of another contact."""
+def invents_its_path(scene):
+    """Pressures of the boundary elements at the last load of a path, among invented figures."""
+    own, areas = bem.solve(scene), dict.fromkeys(("raw", "corrected", "error"), Areas(7, 8, -1))
+    figures = {"stiffness_loading": 1e15, "mean_gap": 1.0, "plastic_force_share": 0.5, "wear": 5.0}
+    steps = tuple(replace(step, areas=areas, quantities=figures) for step in own.steps)
     other = results.PressureDistribution([0.0, 2 * scene.load.final], [0.0, 0.3])
-    areas = dict.fromkeys(("raw", "corrected", "error"), Areas(0.3, 0.3, 0.0))
-    step = LoadStep(scene.load.final, areas)
-    return replace(full_contact(scene), steps=(step,), distribution=other)
+    return replace(
+        own, steps=steps, distribution=other, fields={"pressure": own.fields["pressure"]}
+    )
 
 
 def changes_its_scene(scene):

@@ -75,9 +75,7 @@ REFUSED = [
     *((stopped_by(e("mine"), "file.vti"), e, "mine") for e in (ValueError, KeyboardInterrupt)),
 ]
 if POSIX:
-    REFUSED += [
-        (lambda here: files.write_text("/dev/null", ""), OutputError, "device"),
-    ]
+    REFUSED += [(lambda here: files.write_text("/dev/null", ""), OutputError, "device")]
 
 
 @pytest.mark.parametrize(("call", "error", "words"), REFUSED)

@@ -30,7 +30,7 @@ def scene():
 
 def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     own = bem.solve(scene)
-    found = peers.result_of(scene, own.fields["pressure"], "own")
+    found = peers.result_of(scene, {"pressure": own.fields["pressure"]}, "own")
     assert found.final.areas["raw"] == own.final.areas["raw"]
     atol = 1e-7 * np.std(scene.surface.heights)  # of the solver's tolerance
     np.testing.assert_allclose(found.fields["gap"], own.fields["gap"], atol=atol)
@@ -39,9 +39,9 @@ def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     assert found.final.residuals["gap_elastic"] < 1e-7
     assert found.final.residuals["force"] < 1e-12
     # A gap that a solver gives is taken as it is, and a wrong pressure shows in the residuals.
-    given = peers.result_of(scene, own.fields["pressure"], "own", gap=own.fields["gap"] + 1e-9)
+    given = peers.result_of(scene, {**own.fields, "gap": own.fields["gap"] + 1e-9}, "own")
     np.testing.assert_array_equal(given.fields["gap"], own.fields["gap"] + 1e-9)
-    wrong = peers.result_of(scene, 1.02 * own.fields["pressure"], "wrong")
+    wrong = peers.result_of(scene, {"pressure": 1.02 * own.fields["pressure"]}, "wrong")
     assert wrong.final.residuals["force"] == pytest.approx(0.02)
     assert wrong.final.residuals["gap_elastic"] > 1e-3
 

@@ -22,13 +22,7 @@ from epcontact.planning.grids import one_directional
 from epcontact.results import COLUMNS
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.areas import KINDS, member
-from epcontact.surfaces import (
-    HeightsFromArray,
-    HeightsFromFile,
-    SelfAffine,
-    readers,
-    recipes_of,
-)
+from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine, readers, recipes_of
 from epcontact.surfaces.power_spectrum import even_moments, surface_moments
 from epcontact.surfaces.treatment import (
     EDGE_ERRORS,

@@ -12,15 +12,7 @@ from scipy.signal import resample
 from epcontact.errors import EpcontactError, InvalidScene
 from epcontact.materials.moduli import effective_modulus, of_both
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
-from epcontact.surfaces import (
-    Facing,
-    FlatPunch,
-    Paraboloid,
-    SelfAffine,
-    Sinusoid,
-    Sphere,
-    filtered,
-)
+from epcontact.surfaces import Facing, FlatPunch, Paraboloid, SelfAffine, Sinusoid, Sphere, filtered
 from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
 from epcontact.surfaces.spectrum import density, slope_variance_up_to

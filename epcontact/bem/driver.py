@@ -32,7 +32,7 @@ from epcontact.bem.problem import (
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, forget_peak, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
-from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
+from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene, require_kind
 
 _DISTRIBUTION_BINS = 1024
@@ -242,28 +242,33 @@ def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> Floa
 
 
 def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
-    problem, solution = now.problem, now.solution
-    shape, pressure, gap = scene.surface.shape, solution.pressure, now.gap()
+    load, solution = now.problem.mean_pressure, now.solution
+    # Unlike a product of a linear algebra library, this starts no threads.
+    work = float(np.einsum("ij,ij->", solution.pressure, solution.displacement))
+    energy = (work / solution.pressure.size + _compression(scene, load) * load) / 2
+    found = figures(scene, solution.pressure, now.gap(), energy, now.before, now.after, threads)
+    counts = {name: int(count) for name, count in solution.counts.items()}
+    step = LoadStep(load, found[0], dict(solution.residuals), counts, found[1])
+    return step.with_errors(scene.surface.treatment_errors, "treatment")
+
+
+def figures(
+    scene: Scene, pressure: FloatArray, gap: FloatArray, energy: float,
+    before: FloatArray | None, after: FloatArray | None, threads: int = 1,
+) -> tuple[dict[str, Areas], dict[str, float]]:  # fmt: skip
+    """The areas and quantities of a load; gap, which is changed, and flow as of `LoadedSurface`."""
+    shape, hardness = scene.surface.shape, scene.material.hardness
     open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
     separation, flow, flowed = float(gap.mean()), 0.0, 0.0
-    if now.before is not None:
-        separation -= float(now.before.mean())
-    if now.after is not None:
-        flow, flowed = float(now.after.mean()), np.count_nonzero(now.after) / gap.size
+    separation -= 0.0 if before is None else float(before.mean())
+    if after is not None:
+        flow, flowed = float(after.mean()), np.count_nonzero(after) / gap.size
         # Fronts of plastic flow are placed by the whole depth of the flow.
-        np.negative(now.after, out=gap, where=pressure >= problem.hardness)
-    step_areas = estimate_areas(
-        pressure.reshape(shape),
-        gap.reshape(shape),
-        problem.hardness,
-        scene.surface.spacing,
-        effective_modulus(scene.material),
-        threads,
-        flowed=None if now.before is None else now.before.reshape(shape),
-    )
-    compression = _compression(scene, problem.mean_pressure)
-    # Unlike a product of a linear algebra library, this starts no threads.
-    fluctuation = float(np.einsum("ij,ij->", pressure, solution.displacement)) / gap.size
+        np.negative(after, out=gap, where=pressure >= hardness)
+    spacing, modulus = scene.surface.spacing, effective_modulus(scene.material)
+    p, g = pressure.reshape(shape), gap.reshape(shape)
+    old = None if before is None else before.reshape(shape)
+    step_areas = estimate_areas(p, g, hardness, spacing, modulus, threads, flowed=old)
     raw, corrected, error = (areas.total for areas in step_areas)
     moved = (abs(raw - corrected) + error) / raw if raw else 0.0
     quantities = {
@@ -273,15 +278,12 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
         ),
         "mean_plastic_displacement": flow,
         "flowed_share": flowed,
-        "plastic_work": problem.hardness * flow if math.isfinite(problem.hardness) else 0.0,
+        "plastic_work": hardness * flow if math.isfinite(hardness) else 0.0,
         "mean_separation": separation,
-        "elastic_energy": (fluctuation + compression * problem.mean_pressure) / 2,
+        "elastic_energy": energy,
         "largest_pressure": float(pressure.max()),
     }
-    areas = dict(zip(("raw", "corrected", "error"), step_areas, strict=True))
-    counts = {name: int(count) for name, count in solution.counts.items()}
-    step = LoadStep(problem.mean_pressure, areas, dict(solution.residuals), counts, quantities)
-    return step.with_errors(scene.surface.treatment_errors, "treatment")
+    return dict(zip(("raw", "corrected", "error"), step_areas, strict=True)), quantities
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:

@@ -7,17 +7,7 @@ import faults
 import numpy as np
 from junitparser import Skipped
 
-from breaking.fault import (
-    REFUSED,
-    Fault,
-    at,
-    both,
-    changed,
-    given,
-    on_result,
-    scaled,
-    solver,
-)
+from breaking.fault import REFUSED, Fault, at, both, changed, given, on_result, scaled, solver
 from epcontact.harness.quantities.registry import QUANTITIES
 
 H = "epcontact.harness."

@@ -30,14 +30,7 @@ from scipy.optimize import minimize
 from scipy.signal import resample
 
 from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
-from epcontact.harness.interface import (
-    CONSTANTS,
-    SMOOTH,
-    STEP,
-    carrying,
-    limit_of,
-    sinking_and_rim,
-)
+from epcontact.harness.interface import CONSTANTS, SMOOTH, STEP, carrying, limit_of, sinking_and_rim
 from epcontact.reference.posts import FLAT_PUNCH
 from epcontact.studies.areas import KINDS, member, roughness
 from epcontact.studies.conductance import joint_scene

@@ -124,14 +124,23 @@ def _part(
         options["output"] = task.steps
     if moving is not None and method.steps:
         options["progress"] = lambda share, _: moving(share)
-    if method.source:  # its limit is enforced from outside its process
-        result = foreign.solve(method.name, method.source, scene, task.case.head.time_limit)
-    else:
-        result = method.solve(scene, options, threads)
-    if not result.converged:
-        raise NotConverged("the result says that it has not converged")
-    if "on_step" not in options:
-        show(result)  # of its last load alone are there fields
+    known, lowered, path = list[LoadStep](), None, scene.load.path
+    end = time.monotonic() + task.case.head.time_limit
+    each = method.source or method.requires  # whose pressures are those of a last load alone
+    for number in range(1 if each else len(path), len(path) + 1):
+        there = replace(scene, load=Load(path[:number]))
+        if method.source:  # its limit is enforced from outside its process
+            mine = method.name, method.source, there, end - time.monotonic()
+            result = foreign.solve(*mine, lowered)
+            lowered = result.fields.get("plastic_displacement")
+        else:
+            result = method.solve(there, options, threads)
+        if not result.converged:
+            raise NotConverged("the result says that it has not converged")
+        known = [*known, result.final] if each else [*result.steps]
+        result = replace(result, steps=tuple(known))
+        if "on_step" not in options:
+            show(result)  # of its last load alone are there fields
     cost = dict(result.cost)
     if "on_step" in options:
         cost["seconds"] -= spent

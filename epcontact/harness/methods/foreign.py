@@ -33,9 +33,9 @@ The result is a text of words and numbers, separated by blanks or line ends, in 
     pressure                     and then nx*ny numbers at the last load, ordered as the heights
     gap                          optional, the same; or displacement
 
-Fortran's exponents are read, too (5.0D+08).  The package computes the areas and everything else of
-the result from the pressure and, where it is given, the gap; of a function that gives a pressure it
-computes the areas of the last load, their errors and the distribution.
+Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a pressure, the
+package computes everything that follows from it and, where they are given, from the other fields.
+A solver is asked for each load of a path, as the last one of a scene, as fields are those of one.
 """
 
 from __future__ import annotations
@@ -51,21 +51,24 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from epcontact import results
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness.processes import Child, ChildDied, death_of
-from epcontact.results import PLASTIC, Areas, ContactResult, FloatArray, plain
+from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
+from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Provenance, plain
 from epcontact.scene import Scene
 
 #: What a command has in the place of the files.
 PLACEHOLDER = re.compile(r"\{(scene|result)\}")
-_EXPONENT = re.compile(r"(\d\.?)[dD]")  # of Fortran's double precision
+_EXPONENT = re.compile(r"(?<=[\d.])(?:[dD]|(?=[+-]))")  # of Fortran's double precision
+_LOGICAL = {"T": "1", "F": "0"}
 _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual")
 
 
@@ -92,10 +95,13 @@ def require_solver(source: str) -> None:
         raise InvalidCase(refusal)
 
 
-def solve(name: str, source: str, scene: Scene, limit: float = math.inf) -> ContactResult:
-    """Return the result of a foreign solver, called `name`, on a copy of the scene."""
+def solve(
+    name: str, source: str, scene: Scene, limit: float = math.inf, before: FloatArray | None = None
+) -> ContactResult:
+    """Return the result of a foreign solver, called `name`, at the last load of a copy of the
+    scene; before: how far the load before has left the surface lowered, in m."""
     try:
-        answer = _child().call(_answer, source, scene, limit=limit)
+        answer = _child().call(_answer, source, scene, before, limit=limit)
     except ChildDied as death:
         raise InvalidCase(f"solver {source} {death}") from None
     if isinstance(answer, str):
@@ -116,7 +122,7 @@ def _child() -> Child:
 # --- in the process of the solver ----------------------------------------------------------------
 
 
-def _answer(source: str, scene: Scene | None) -> tuple[str, dict[str, Any]] | str:
+def _answer(source: str, scene: Scene | None, before: Any = None) -> tuple[str, Any] | str:
     """Return the checked result of a solver, or the sentence that says why there is none.  The
     result is plain data, its JSON and its fields, so that no class of the solver's is needed to
     read it.  Without a scene a function is imported, and the sentence is empty if it can be."""
@@ -132,7 +138,7 @@ def _answer(source: str, scene: Scene | None) -> tuple[str, dict[str, Any]] | st
         said = "raised {}" if solver else "returned {}"
         result = solver(scene) if solver else answer_of_command(_words(source), scene)
         said = "returned {}"
-        return _checked(result, scene)
+        return _checked(result, scene, before)
     except (Exception, SystemExit) as error:
         return f"solver {source} {said.format(sentence_of(error))}"
 
@@ -144,13 +150,17 @@ def _words(source: str) -> list[str]:
         raise InvalidCase(f"solver {source}: is no command ({error})") from None
 
 
-def _checked(result: Any, scene: Scene) -> tuple[str, dict[str, Any]]:
+def _checked(result: Any, scene: Scene, before: Any = None) -> tuple[str, dict[str, Any]]:
     """Return a result as plain data.  Raises InvalidCase if gates could not read it."""
     if not isinstance(result, ContactResult):
         raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
+    loads, path = [getattr(step, "mean_pressure", step) for step in result.steps], scene.load.path
+    if loads != [*path]:
+        raise InvalidCase(f"load steps at {loads} Pa, but the scene has loads at {[*path]} Pa")
+    _require_solved(plain(result.converged), plain(result.final.residuals))
     fields = {name: np.array(values) for name, values in result.fields.items()}
     for name, values in fields.items():
-        if not re.fullmatch(r"[\w .-]+", name):
+        if not (isinstance(name, str) and re.fullmatch(r"[\w .-]+", name)):
             raise InvalidCase(f"a field named {name!r}, but names are letters, digits, '.' and '-'")
         if values.shape != scene.surface.shape:
             wrong = f"the field {name} of shape {values.shape}"
@@ -158,12 +168,14 @@ def _checked(result: Any, scene: Scene) -> tuple[str, dict[str, Any]]:
         if values.dtype.kind not in "biuf":
             raise InvalidCase(f"the field {name} of type {values.dtype}, but numbers are needed")
     if "pressure" in fields:
-        result = _by_its_pressures(result, scene, fields)
+        result = _by_its_pressures(replace(result, fields=fields), scene, before)
+        fields = dict(result.fields)
     elif missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
         raise InvalidCase(f"no pressure and no areas[{missing[0]!r}] of its last load step")
     else:  # an error that nothing here can check is no claim
         areas = {kind: area for kind, area in result.final.areas.items() if kind != "error"}
         result = replace(result, steps=(*result.steps[:-1], replace(result.final, areas=areas)))
+        result = _told(result, scalar_quantities(result))
     try:
         data = plain(replace(result, fields={}).to_json())
         ContactResult.from_json(data)
@@ -172,28 +184,54 @@ def _checked(result: Any, scene: Scene) -> tuple[str, dict[str, Any]]:
         raise InvalidCase(f"a ContactResult that cannot be read ({sentence_of(error)})") from None
 
 
-def _by_its_pressures(result: ContactResult, scene: Scene, fields: dict[str, Any]) -> ContactResult:
-    """Return a result with the areas, errors and distribution that follow from its pressures."""
+def _require_solved(converged: Any, residuals: Mapping[str, Any]) -> None:
+    """Raise if a solver says that it has not converged, or nothing that can be understood."""
+    for name, value in residuals.items():
+        if not (isinstance(value, float | int) and 0 <= value < 1):
+            raise InvalidCase(f"{name} {value!s:.40}, but residuals are numbers from 0 up to 1")
+    if converged not in (0, 1):
+        raise InvalidCase(f"converged {converged!s:.40}, but it is 0 or 1")
+    if not converged:
+        raise NotConverged("a result that has not converged")
+
+
+def _told(result: ContactResult, names: Iterable[str]) -> ContactResult:
+    """Add the note that figures are a solver's word."""
+    note = f"{', '.join(sorted(names))}: the solver's word, which nothing here checks"
+    return replace(result, notes=(*result.notes, *[note][: len({*names})]))
+
+
+def _by_its_pressures(result: ContactResult, scene: Scene, before: Any = None) -> ContactResult:
+    """Return a result with what follows from its pressures.  Of other figures that the package
+    knows, it keeps the word only of a body that flows by J2, as its surface does not show them."""
     from epcontact.harness.methods.peers import result_of  # loads solvers
 
-    if flows := result.provenance.options.get("law") == "j2":  # no cap bounds its pressures
-        scene = replace(scene, material=replace(scene.material, hardness=math.inf))
-    found = result_of(scene, fields["pressure"], result.method, gap=fields.get("gap"))
-    areas, steps = dict(found.final.areas), result.steps
+    flows = result.provenance.options.get("law") == "j2"  # no cap bounds its pressures
+    found = result_of(scene, result.fields, result.method, before=before, flows=flows)
+    areas, known, fields = dict(found.final.areas), found.final.quantities, dict(result.fields)
     if flows and "state" in fields:  # the pressures do not show which of the contact has flowed
-        kept = 1 - float((fields["state"] == PLASTIC).mean()) / (areas["raw"].total or 1.0)
+        kept = 1 - float((fields["state"] == results.PLASTIC).mean()) / (areas["raw"].total or 1.0)
         areas = {k: Areas(a.total, kept * a.total, a.total * (1 - kept)) for k, a in areas.items()}
-    steps = (*steps[:-1], replace(result.final, areas=areas))
-    return replace(result, steps=steps, distribution=found.distribution)
+    own = {
+        name: value
+        for name, value in result.final.quantities.items()
+        if (named := QUANTITIES.get(f"quantity.{name}")) is None or (flows and not named.measure)
+    }
+    residuals = {**result.final.residuals, **found.final.residuals}
+    final = replace(result.final, areas=areas, residuals=residuals, quantities={**own, **known})
+    if not flows:
+        lowered = {"plastic_displacement": found.fields["plastic_displacement"]}
+        fields = {**found.fields, **fields, **lowered}
+    steps, distribution = (*found.steps[:-1], final), found.distribution
+    result = replace(result, steps=steps, distribution=distribution, fields=fields)
+    return _told(result, own.keys() - known.keys())
 
 
 # --- commands ------------------------------------------------------------------------------------
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
-    """Return the result that a program, given by its words, has for a scene."""
-    from epcontact.harness.methods.peers import result_of  # loads solvers
-
+    """Return the fields that a program, given by its words, has for a scene, as a result."""
     with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
         given, written = Path(name) / "scene.txt", Path(name) / "result.txt"
         given.write_text(scene_text(scene), encoding="utf-8")
@@ -211,10 +249,12 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
             raise InvalidCase("a command that ended with exit code 0 and wrote no result")
         text = written.read_text(encoding="utf-8", errors="replace")
     found = result_of_text(text, scene.surface.shape)
-    if found["converged"] != 1:
-        raise NotConverged("a result that has not converged")
-    gap, displacement = found.get("gap"), found.get("displacement")
-    return result_of(scene, found["pressure"], words[0], seconds, gap, displacement)
+    steps = tuple(LoadStep(load, {}) for load in scene.load.path)
+    origin, notes = Provenance(scene.digest, scene.surface.seed), scene.surface.notes
+    fields = {name: found[name] for name in _ARRAYS if name in found}
+    cost = {"seconds": seconds, "unknowns": scene.surface.heights.size}
+    notes = (*notes, f"the pressure is {words[0]}'s, everything else follows from it here")
+    return ContactResult(words[0], steps, origin, fields=fields, cost=cost, notes=notes)
 
 
 def scene_text(scene: Scene) -> str:
@@ -252,8 +292,9 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
         count = int(np.prod(form))
         if name in found:
             raise InvalidCase(f"a file with {name!r} twice")
+        after = words[at + 1 : at + 1 + count]
+        numbers = [_LOGICAL.get(word) or _EXPONENT.sub("e", word) for word in after]
         try:
-            numbers = [_EXPONENT.sub(r"\1e", word) for word in words[at + 1 : at + 1 + count]]
             found[name] = np.array(numbers, dtype=np.float64).reshape(form)
         except ValueError:
             raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
@@ -261,9 +302,6 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
     for name in ("converged", "pressure"):
         if name not in found:
             raise InvalidCase(f"a file without {name!r}")
-    if found["converged"] not in (0, 1) or not 0 <= found.get("residual", 0) < 1:
-        raise InvalidCase(
-            f"a file with converged {found['converged']:g} and residual "
-            f"{found.get('residual', 0):g}, but must have 0 or 1, and a number from 0 up to 1"
-        )
+    said = {name: float(found[name]) for name in _NUMBERS if name in found}
+    _require_solved(said.pop("converged"), said)
     return found

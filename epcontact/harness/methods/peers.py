@@ -14,7 +14,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -25,7 +25,7 @@ from scipy.optimize import NoConvergence, anderson
 
 from epcontact import bem, results
 from epcontact.bem.areas.distribution import pressure_distribution
-from epcontact.bem.areas.rim_correction import estimate_areas
+from epcontact.bem.driver import figures
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.materials.moduli import effective_modulus
@@ -111,7 +111,7 @@ def _answer(scene: Scene, name: str, package: str, effort: float) -> ContactResu
     loads, aspect = (scene.load.final / E, scene.material.hardness / E), periods[1] / periods[0]
     with _peer(scene, package):
         pressure = PEERS[package](heights, *loads, effort, (1.0, aspect))
-    return result_of(scene, pressure * E, name, time.perf_counter() - started)
+    return result_of(scene, {"pressure": pressure * E}, name, time.perf_counter() - started)
 
 
 def tamaas_j2(scene: Scene) -> ContactResult:
@@ -131,10 +131,10 @@ def tamaas_j2(scene: Scene) -> ContactResult:
             raise RuntimeError(f"the body flows deeper than {FLOWING[-1]:g} periods")
     seconds, displacement = time.perf_counter() - started, gap + scene.surface.heights
     displacement -= displacement.mean()
-    uncapped = replace(scene, material=replace(scene.material, hardness=math.inf))
-    found = result_of(uncapped, pressure * E, "tamaas_j2", seconds, gap, displacement)
+    fields = {"pressure": pressure * E, "gap": gap, "displacement": displacement}
+    found = result_of(scene, fields, "tamaas_j2", seconds, flows=True)
     options = {"law": "j2", "depth": depth, "compliance": "half_space", "solver": "tamaas_j2"}
-    origin = replace(found.provenance, scene=scene.digest, options=options)
+    origin = replace(found.provenance, options=options)
     return replace(found, provenance=origin, cost=dict(found.cost) | {"iterations": solves})
 
 
@@ -223,55 +223,64 @@ def _plastic_displacement(scene: Scene, load: float) -> FloatArray:
 
 
 def result_of(
-    scene: Scene,
-    pressure: FloatArray,
-    name: str,
-    seconds: float = 0.0,
-    gap: FloatArray | None = None,
-    displacement: FloatArray | None = None,
-) -> ContactResult:
-    """Compute the result that follows from a pressure field (Pa).  A displacement or a gap that is
-    not given follows from the pressure; without a gap, the flat is placed where the mean gap of the
-    elastic points vanishes.  The residuals are the largest gap of an elastic point over the rms
-    height, and the missing force over the nominal one."""
-    surface, hardness = scene.surface, scene.material.hardness
+    scene: Scene, given: Mapping[str, Any], name: str, seconds: float = 0.0,
+    before: FloatArray | None = None, flows: bool = False,
+) -> ContactResult:  # fmt: skip
+    """Compute the result that follows at the last load from the pressure field `given` (Pa).  A
+    displacement or a gap that is not given follows from it, the flat where the mean gap of elastic
+    points vanishes.  before: how far the load before has left the surface lowered, in m; flows: by
+    J2, so that no cap bounds the pressures.  The residuals are the largest gap of an elastic point
+    over the rms height, and the missing force over the nominal one."""
+    surface, load, pressure = scene.surface, scene.load, given["pressure"]
+    for field in ("pressure", "gap", "displacement"):
+        if not np.isfinite(given.get(field, 0)).all():
+            raise InvalidScene(f"{field} is infinite or NaN at a point: all are finite numbers")
+    displacement, gap = given.get("displacement"), given.get("gap")
     if displacement is None:
         q = rfft_wavenumbers(surface.shape, surface.periods)
         modes = surface_compliance(q, scene.body, scene.material) * np.fft.rfftn(pressure)
         displacement = np.fft.irfftn(modes, s=surface.shape, axes=range(pressure.ndim))
+    hardness = math.inf if flows else scene.material.hardness
     state = np.full(surface.shape, results.ELASTIC, dtype=np.uint8)
     state[pressure <= 0] = results.APART
-    state[pressure >= hardness * (1 - 1e-9)] = results.PLASTIC
-    touching = state == results.ELASTIC
+    state[plastic := pressure >= hardness * (1 - 1e-9)] = results.PLASTIC
+    if load.non_decreasing or math.isinf(hardness):
+        before = None
+    elif before is None:
+        raise InvalidScene(f"the load path unloads, but {name} knows of no flow before its load")
+    lowered, touching = (
+        np.zeros(surface.shape) if before is None else before,
+        ~plastic & (pressure > 0),
+    )
     if gap is None:
-        gap = displacement - surface.heights
-        gap = gap - (gap[touching].mean() if touching.any() else gap.min())
-    capped = np.where(state == results.PLASTIC, hardness, np.maximum(pressure, 0))
-    modulus, rms = effective_modulus(scene.material), float(np.std(surface.heights)) or 1.0
-    areas = estimate_areas(capped, gap, hardness, surface.spacing, modulus)
-    if math.isnan(areas[1].total):
+        gap = displacement - surface.heights + lowered
+        gap = gap - (gap[touching].mean() if touching.any() else gap.min()) - lowered
+    after = np.where(plastic, np.maximum(-gap, 0.0), lowered)
+    capped, left = np.where(plastic, hardness, np.maximum(pressure, 0)), gap + lowered
+    rms, energy = float(np.std(surface.heights)) or 1.0, float(np.vdot(pressure, displacement))
+    residuals = {
+        "gap_elastic": float(np.abs(left[touching]).max(initial=0.0)) / rms,
+        "force": abs(float(pressure.mean()) - load.final) / (load.final or max(load.path)),
+    }
+    bounded = replace(scene, material=replace(scene.material, hardness=hardness))
+    areas, found = figures(bounded, capped, left, energy / pressure.size / 2, before, after)
+    if math.isnan(areas["corrected"].total):
         raise NotConverged(
             "pressures of which no contact area follows: with the gaps that they cause, those of "
             f"{name} solve no contact problem"
         )
-    residuals = {
-        "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / rms,
-        "force": abs(float(pressure.mean()) / scene.load.final - 1),
-    }
-    quantities = {
-        "mean_gap": float(np.maximum(np.where(state == results.PLASTIC, 0.0, gap), 0).mean()),
-        "mean_separation": float(gap.mean()),
-        "elastic_energy": float(np.vdot(pressure, displacement)) / pressure.size / 2,
-        "largest_pressure": float(pressure.max()),
-    }
-    kinds = dict(zip(("raw", "corrected", "error"), areas, strict=True))
+    found["largest_pressure"] = float(pressure.max())
+    if flows:  # what a surface shows of a body that flows inside
+        found = {n: found[n] for n in ("mean_gap", "mean_separation", "largest_pressure")}
     fields = {"pressure": pressure, "gap": gap, "displacement": displacement, "state": state}
+    last = LoadStep(load.final, areas, residuals, quantities=found)
+    last = last.with_errors(surface.treatment_errors, "treatment")
     return ContactResult(
         method=name,
-        steps=(LoadStep(scene.load.final, kinds, residuals, quantities=quantities),),
+        steps=(*(LoadStep(earlier, {}) for earlier in load.path[:-1]), last),
         provenance=Provenance(scene.digest, surface.seed, {"solver": name}),
         distribution=pressure_distribution(capped, hardness),
-        fields={"heights": surface.heights} | fields,
+        fields={"heights": surface.heights, "plastic_displacement": after} | fields,
         cost={"seconds": seconds, "unknowns": pressure.size},
         notes=(*surface.notes, f"the pressure is {name}'s, everything else follows from it here"),
     )

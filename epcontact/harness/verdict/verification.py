@@ -14,16 +14,7 @@ from math import fsum
 from pathlib import Path
 from typing import Any
 
-from junitparser import (
-    Error,
-    Failure,
-    JUnitXml,
-    Properties,
-    Property,
-    Skipped,
-    TestCase,
-    TestSuite,
-)
+from junitparser import Error, Failure, JUnitXml, Properties, Property, Skipped, TestCase, TestSuite
 
 from epcontact.errors import InvalidCase, OutputError, nearest, printable
 from epcontact.files import refusal, whole_file, write_json
