@@ -344,11 +344,10 @@ def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") ->
             not infinite,
             f"{where}: {infinite} of {heights.size} heights are infinite; mark missing ones by NaN",
         )
-        _require(
-            missing != "refuse" and absent < heights.size,
-            f"{where}: {absent} of {heights.size} heights are NaN or masked; crop them, or let "
-            'epcontact.surfaces fill them: set missing to "harmonic" or "nearest"',
-        )
+        told = f"{where}: {absent} of {heights.size} heights are NaN or masked"
+        _require(absent < heights.size, told)
+        fill = 'crop them, or let them be filled: set missing to "harmonic" or "nearest"'
+        _require(missing != "refuse", f"{told}; {fill}")
         low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
     span, largest = high - low, max(abs(low), abs(high))
     _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")

@@ -144,7 +144,7 @@ def test_a_chart_of_loads_has_values_and_bounds(name, points):
         [series, *map(pytest.approx, (2e3 * k, mean, low, high))]
         for k, (mean, _, low, high) in enumerate(points, 1)
     ]
-    assert {line.get_fillstyle() for line in chart.figure.axes[0].lines} == {"none"}
+    assert {line.get_fillstyle() for line in chart.figure.axes[0].lines} == {"left"}
 
 
 def test_python_draws_what_a_run_draws(ran, tmp_path):

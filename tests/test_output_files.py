@@ -234,9 +234,16 @@ def test_a_line_is_drawn_without_vtk(tmp_path, monkeypatch):
     monkeypatch.setattr(drawing, "draw", lambda *_: pytest.fail("VTK was asked"))
     pressure = np.maximum(np.sin(np.arange(50) / 5), 0)
     fields = {"pressure": pressure, "gap": 1 - pressure, "state": np.ceil(2 * pressure)}
-    write_image(tmp_path / "x.vti", fields, (1e-6,), {})
-    view.screenshot(tmp_path / "x.vti", tmp_path / "x.png")
+    steps = [tmp_path / "1.vti", tmp_path / "2.vti"]
+    for path, times in zip(steps, (1, 2), strict=True):
+        write_image(path, fields | {"pressure": times * pressure}, (1e-6,), {})
+    view.screenshot(steps[0], tmp_path / "x.png")
     assert has(pixels(tmp_path / "x.png"), BLACK).sum() > 50
+    view.animate(steps, tmp_path / "x.gif")
+    with Image.open(tmp_path / "x.gif") as film:
+        frames = [np.asarray(f.convert("RGB"), dtype=int) for f in ImageSequence.Iterator(film)]
+    one, two = (has(frame, (0, 114, 178)).sum() for frame in frames)
+    assert 1.8 < two / one < 2.2  # in one scale
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="these windows are Linux's")
@@ -264,13 +271,17 @@ REFUSED: list[tuple[Any, tuple[Any, ...], str]] = [
     (view.screenshot, ("gone.vti", "x.png"), "no such file"),
     (view.screenshot, ("x.csv", "x.png"), r"a \.vti, \.vtu, \.pvd"),
     (view.screenshot, ("x.vti", "x.jpg"), r"must be named \.png"),
-    (view.screenshot, ("line.vti", "x.png"), "line.vti holds no field state, only gap"),
+    (view.screenshot, ("line.vti", "x.png"), "line.vti holds no field pressure, only gap"),
     (view.screenshot, ("text.vtu", "x.png"), "is damaged or holds no cells"),
     (view.screenshot, ("bare.vtu", "x.png"), "no von Mises stress or plastic strain"),
+    (lambda *a: view.screenshot(*a, factor=math.nan), ("x.vti", "x.png"), "must be positive"),
+    (lambda *a: view.screenshot(*a, factor=1e300), ("x.vti", "x.png"), "here at most"),
     (view.show, ("line.vti",), "is a line"),
+    (view.animate, (["x.vti", "line.vti"], "x.gif"), "is a line"),
+    (view.compare, ("line.vti", "line.vti", "x.png"), "they are lines"),
     (view.animate, (["x.vti"], "x.avi"), r"must be named \.gif or \.mp4"),
     (view.animate, ([], "x.gif"), "load steps"),
-    (view.compare, ("x.vti", "line.vti", "x.png"), "cannot compare"),
+    (view.compare, ("x.vti", "line.vti", "x.png"), r"are of 80 x 60 points and 4 points"),
     (view.load_steps, ("empty.pvd",), "it is no ParaView collection"),
     (view.load_steps, ("xml.pvd",), "it names no file"),
     (view.find_result, ("bem.json",), "no fields lie beside"),

@@ -355,7 +355,7 @@ def test_a_profile_is_that_of_the_fields():
     left, right = chart.figure.axes
     labels = [(axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) for axes in (left, right)]
     assert labels == [("x (mm)", "height below the flat (µm)", "profile in contact"),
-                      ("x (mm)", "pressure (kPa)", "contact pressure")]  # fmt: skip
+                      ("x (mm)", "pressure (kPa)", "contact pressure, mean 1.5 kPa")]  # fmt: skip
     body, *contact = (each.get_paths()[0].vertices for each in left.collections)
     assert body[:, 1].max() == 0
     assert {*np.round(body[:, 1], 9)} >= {0.0, -1.0, -2.0, -4.0}

@@ -474,6 +474,7 @@ def test_what_is_no_height_map_is_refused(change, message):
         ("ragged.csv", b"1,2\n3\n4,5\n", "line 2 holds 1 numbers, the one above 2"),
         ("points.csv", b"1.5;2,5\n3,5;4,5\n", "line 1 holds '1.5'"),
         ("middle.csv", b"1,2\nsome words,4\n3,4\n", "line 2 holds 'some words'"),
+        ("nan.txt", b"nan nan\nnan nan\n", "4 of 4 heights are NaN or masked$"),
         ("inf.txt", b"1 1e999\n3 4\n", "1 of 4 heights"),
         ("date.txt", b"2026-01-02 12:00\n1 2\n3 4\n", "begin the lines of a header with #"),
         ("off.xyz", b"0 0 5\n0 1 7\n1 .3 6\n1 1 5\n", "lie on no regular grid .* export the heig"),

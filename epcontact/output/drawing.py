@@ -51,7 +51,10 @@ def draw(
     frames = []
     with pv.vtk_verbosity("off"):  # of the ways to draw that VTK tries in vain
         scales = [scale(read(source)) for source in sources]
-        chosen = factor or min(each for each, _ in scales)
+        usual = min(each for each, _ in scales)
+        chosen = usual if factor is None else factor
+        if not 0 < chosen <= 1000 * usual:  # nor that of NaN
+            raise OutputError(f"the factor must be positive and here at most {1000 * usual:g}")
         limits = tuple(np.max([each for _, each in scales], axis=0).tolist())
         for source in sources:
             plotter = _plotter(size)
@@ -164,7 +167,9 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     x0, x1, y0, y1, *_ = mesh.bounds
     corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]])
     plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
-    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), 0.9)
+    # The longer side of an oblong is drawn as long as a square's, so that its labels have room.
+    zoom = 0.9 * float(np.hypot(x1 - x0, y1 - y0)) / (2**0.5 * max(x1 - x0, y1 - y0))
+    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), zoom)
     plotter.camera.SetWindowCenter(0.0, -0.25)
     plotter.remove_all_lights()
     direction = np.array([-1.0, -0.5, 1.0])
@@ -279,7 +284,8 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     labels = {f"n_{axis}labels": 3 for axis in "xyz"} | {"fmt": "%.3g", "font_size": 11}
     ends = [round(end / largest, 3) * largest + 0.0 for end in bounds]
     look = {"location": "outer", "ticks": "outside", "color": "#303030"} | shown | titles | labels
-    plotter.show_bounds(bounds=bounds, axes_ranges=ends, **look)
+    drawn = plotter.show_bounds(bounds=bounds, axes_ranges=ends, **look)
+    drawn.SetEnableDistanceLOD(False)  # which hides the labels of the far end
 
 
 def _frame_view(plotter: Any, bounds: Any, towards: Sequence[float], zoom: float) -> None:

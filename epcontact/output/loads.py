@@ -58,20 +58,21 @@ _CHARTS = {
     "electrical": ("electrical_conductance", "electrical conductance"),
     "percolation": ("_percolation", "share of the area that percolates"),
 }
+_STYLES = {"unloading": "open", "reloading": "half"}
 
 
 def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
-    """Draw the rows of each method against the mean pressure; unloaded ones have open marks."""
+    """Draw the rows of each method against the mean pressure; branches have marks of their own."""
     points = [
-        {"method": method, "quantity": name.replace("_", " "), "branch": row["branch"],
+        {"method": method, "quantity": said.replace("_", " "), "branch": row["branch"],
          "mean_pressure_Pa": float(row["mean_pressure"]["mean"]), "value": mean,
          "value_low": max(mean - error, min(mean, 0.0)), "chart": chart, "unit": COLUMNS[name],
-         "value_high": mean + error if COLUMNS[name] else min(mean + error, 1.0),
-         "style": "points" if row["branch"] == "loading" else "open"}
+         "value_high": mean + error if COLUMNS[name] else min(mean + error, 1.0)}
         for method, rows in paths.items() for row in rows
         for name in COLUMNS if name in row
         for chart, (part, _) in _CHARTS.items() if re.search(part, name)
         for mean, error in [(float(row[name]["mean"]), float(row[name]["error"] or 0))]
+        for said in [name.replace("ness_", "ness_if_").replace("loading", "loaded")]
         if math.isfinite(mean)
     ]  # fmt: skip
     charts = {}
@@ -80,8 +81,8 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
         over, of = _scale([{"mean": mean} for mean in table["value"]], table["unit"].iloc[0])
         y = ("value", f"{_CHARTS[str(chart)][1]} ({of.replace('2', '²') or '–'})")
         x, by = ("mean_pressure_Pa", f"mean pressure ({unit})"), ("method", "quantity", "branch")
-        plot = Plot(x, y, by, mark="quantity", scale=(scale, over))
+        plot = Plot(x, y, by, _STYLES, mark="quantity", scale=(scale, over))
         said = _CHARTS[str(chart)][1].capitalize()
-        said += " at each load; marks are open after a larger load."
+        said += " at each load; marks are open on unloading, and half open on reloading."
         charts[f"loads-{chart}"] = draw_table(table, plot, said)
     return charts

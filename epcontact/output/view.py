@@ -7,6 +7,7 @@ finite-element block, .pvd a list of load steps.  Where a function takes a file,
 
 from __future__ import annotations
 
+import io
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ import numpy as np
 
 from epcontact.errors import OutputError
 from epcontact.files import read_bytes, whole_file, write_bytes
-from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.charts.maps import pressure_difference, profiles
 from epcontact.output.vtk import read_fields
 
 if TYPE_CHECKING:
@@ -42,30 +43,23 @@ def screenshot(
     """
     source = find_result(result)
     _require_ending(picture, "a screenshot", ".png")
-    if _is_line(source):  # drawn by matplotlib
-        write_bytes(picture, map_of_file(source).png())
-        return
     with whole_file(picture) as temporary:
         _draw([source], size, factor)[0].save(temporary)
 
 
 def show(result: Path | str, *, factor: float | None = None) -> None:
     """Open a result file in a window and return when it is closed; see `screenshot`."""
-    source = find_result(result)
-    if _is_line(source):
-        raise OutputError(f"{source} is a line, which has no view; ask for a screenshot instead")
-    _draw([source], None, factor)
+    _draw([find_result(result)], None, factor)
 
 
 def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
     """Draw the pressures of two .vti files side by side, in one scale, with their difference."""
     _require_ending(picture, "a screenshot", ".png")
     files = [read_fields(find_result(path)) for path in (first, second)]
-    if files[0].shape != files[1].shape or len(files[0].shape) != 2:
-        raise OutputError(
-            f"cannot compare {first} with {second}: their grids are {files[0].shape} and "
-            f"{files[1].shape}, but one and the same surface grid is needed"
-        )
+    grids = [" x ".join(map(str, file.shape)) + " points" for file in files]
+    differ = f"their grids are of {grids[0]} and {grids[1]}" if grids[0] != grids[1] else ""
+    if why := differ or ("they are lines, not surfaces" if len(files[0].shape) == 1 else ""):
+        raise OutputError(f"cannot compare {first} with {second}: {why}")
     one, two = (str(file.attributes.get("method", "?")).upper() for file in files)
     if one == two:
         one, two = (f"{one} {Path(path).stem}" for path in (first, second))
@@ -138,10 +132,18 @@ def _require_ending(path: Path | str, what: str, *endings: str) -> None:
 
 
 def _draw(sources: Sequence[Path], size: Size | None, factor: float | None) -> list[Image.Image]:
-    """Draw files, of a collection its last step."""
+    """Draw files, of a collection its last step; lines are drawn by matplotlib."""
+    last = [load_steps(source)[-1] if source.suffix == ".pvd" else source for source in sources]
+    lines = [source for source in last if _is_line(source)]
+    if lines and (size is None or factor is not None or lines != last):
+        how = "is drawn to a file, without a factor and in no film with surfaces"
+        raise OutputError(f"{lines[0]} is a line, which {how}")
+    if lines:
+        from PIL import Image
+
+        return [Image.open(io.BytesIO(one.png())).convert("RGB") for one in profiles(last)]
     from epcontact.output import drawing  # pyvista takes a second to load
 
-    last = [load_steps(source)[-1] if source.suffix == ".pvd" else source for source in sources]
     return drawing.draw(last, size, factor)
 
 

@@ -267,10 +267,8 @@ def residual(
         means = means.drop(columns=[skew[0], "seed"])
         found = mean_with_interval(table, skew[0], by).join(means, on=by).dropna()
         told = listed(found, form + "{rms_curvature:.3f}")
-        title = (
-            f"Change of the skewness of the heights, bandwidth {bandwidth}; of the kurtosis, and"
-        )
-        title += f" rms height, slope and curvature after over before: {told}"
+        title = f"Change of the skewness of the heights, bandwidth {bandwidth}; of the kurtosis,"
+        title += f" and rms height, slope and curvature after over before: {told}"
         yield Plot(last, skew, ("model",), level=0.0), found, title
 
 
@@ -318,12 +316,13 @@ def hysteresis(
     axes = {"seed": seeds, "model": ("cap", "J2", "theory")}
     table = rows(say, cycle, **axes, points=[points], bandwidth=[bandwidth])
     x, series = ("load_over_peak", "mean pressure over its peak (–)"), ("model", "branch")
+    styles = {"theory, up": "curve", "theory, down": "open"}  # which lie on each other
+    look: Any = {"styles": styles, "colour": "model", "mark": "branch", "ticks": SHARES}
     for figure, label, log in (
         (AREA, "contact area (–)", "xy"),
         (GAP, "mean gap over rms height (–)", "x"),
         (SPENT, "plastic work over all energy (–)", "x"),
     ):
         drawn = table[table["model"] != "theory"] if figure == SPENT else table
-        look: Any = {"colour": "model", "mark": "branch", "log": log, "ticks": SHARES}
-        plot = Plot(x, (figure, label), series, {"theory": "curve"}, **look)
+        plot = Plot(x, (figure, label), series, log=log, **look)
         yield plot, drawn, label.removesuffix(" (–)").capitalize()

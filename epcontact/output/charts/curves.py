@@ -34,12 +34,10 @@ def pressure_distribution(
     known = {m: [r.distribution for r in each if r.distribution] for m, each in results.items()}
     found = {method: each for method, each in known.items() if each}
     exact = {} if theory is None else dict(list(theory.groupby("series", sort=False)))
-    tables = [
-        exact.pop(method) if method in exact else _mean_density(method, each)
-        for method, each in found.items()
-    ]
-    table = pd.concat([*tables, *exact.values()])
+    tables = {m: exact.get(m, _mean_density(m, each)) for m, each in found.items()} | exact
+    table = pd.concat(tables.values())
     areas = {method: float(np.mean([t.plastic for t in each])) for method, each in found.items()}
+    how = {method: "" if method in exact else "counted " for method in found}
     top = hardness if np.isfinite(hardness) else float(table[PRESSURE].max())
     scale, unit = unit_for(top, "Pa")
     pressure = next(r.final.mean_pressure for each in results.values() for r in each)
@@ -49,8 +47,8 @@ def pressure_distribution(
     plot = Plot(
         (PRESSURE, rf"contact pressure $\sigma$ ({unit})"),
         (DENSITY, rf"density $P(\sigma)$ (1/{unit})"),
-        styles={} if theory is None else dict.fromkeys(theory["series"], "curve"),
-        labels={m: f"{m} (plastic area {a:.4g})" for m, a in areas.items() if a > 0},
+        styles=dict.fromkeys(exact, "curve"),
+        labels={m: f"{m} ({how[m]}plastic area {a:.4g})" for m, a in areas.items() if a > 0},
         scale=(scale, 1 / scale),
         limits={"xlim": (0, 1.04 * top / scale), "ylim": (0, None)},
         upright=upright,

@@ -7,7 +7,7 @@ It is imported where it is used, because its import takes longer than most comma
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,15 @@ def map_of(
     return contact_map(state, pressure, spacing, hardness=hardness, caption=caption)
 
 
+def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
+    """Draw the lines in .vti files, each as a profile, all in the scales of the largest."""
+    files = [read_fields(source) for source in sources]
+    deepest, top = (max(float(f.field(n).max()) for f in files) for n in ("gap", "pressure"))
+    for f in files:
+        state, pressure, gap = (f.field(name) for name in ("state", "pressure", "gap"))
+        yield contact_profile(state, pressure, gap, f.spacing, tops=(deepest, top))
+
+
 def save_map(source: Path, target: Path) -> None:
     """Draw the contact map of a .vti file to a .png, or to all files of a chart.  Raises
     OutputError if a file cannot be read or written."""
@@ -129,23 +138,26 @@ def contact_profile(
     spacing: tuple[float, ...],
     *,
     caption: str = "",
+    tops: tuple[float, float] | None = None,
 ) -> Chart:
-    """A line contact: the deformed profile under the rigid flat, and the pressure."""
+    """A line contact: the deformed profile under the rigid flat, and the pressure.  The axes end at
+    `tops`, a gap (m) and a pressure (Pa), by default the largest."""
     x, depth = np.arange(state.size) * spacing[0], np.maximum(gap, 0.0)
+    deepest, top = tops or (float(np.max(depth)), float(np.max(pressure)))
     across, length_unit = unit_for(state.size * spacing[0], "m")
-    up, height_unit = unit_for(float(np.max(depth)), "m")
-    scale, unit = unit_for(float(np.max(pressure)), "Pa")
+    (up, height_unit), (scale, unit) = unit_for(deepest, "m"), unit_for(top, "Pa")
     with styled():
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
-        left.fill_between(x / across, -depth / up, -1.05 * depth.max() / up, color="#d9d9d9")
+        left.fill_between(x / across, -depth / up, -1.05 * deepest / up, color="#d9d9d9")
         for kind in (ELASTIC, PLASTIC):
             look = {"color": STATE_COLOURS[kind], "label": f"{STATE_NAMES[kind]} contact"}
             bar = {"where": state == kind, "step": "mid", "linewidth": 1.0}
-            left.fill_between(x / across, 0.0, 0.04 * depth.max() / up, **bar, **look)
+            left.fill_between(x / across, 0.0, 0.04 * deepest / up, **bar, **look)
         left.set(ylabel=f"height below the flat ({height_unit})", title="profile in contact")
         left.legend(loc="lower right", frameon=True)
         right.fill_between(x / across, pressure / scale, step="mid", color="#0072b2")
-        right.set(ylabel=f"pressure ({unit})", ylim=(0, None), title="contact pressure")
+        mean = f"contact pressure, mean {float(np.mean(pressure)) / scale:.4g} {unit}"
+        right.set(ylabel=f"pressure ({unit})", ylim=(0, 1.05 * top / scale or None), title=mean)
         for axes in (left, right):
             axes.margins(x=0)
             axes.set_xlabel(f"x ({length_unit})")

@@ -19,8 +19,9 @@ from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styl
 from epcontact.output.charts.style import CYCLE, DASHES, MARKERS, METHOD_COLOURS, typeset
 from epcontact.results import FloatArray
 
-#: Error bars of series stand beside each other, all of them within so many points of length.
-_ABREAST = 12.0
+#: Error bars stand side by side, within so many points of length at their marks.
+_ABREAST = 6.0
+_FILLS = {"open": "none", "half": "left"}
 _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 
 
@@ -32,9 +33,9 @@ class Plot:
         are drawn as error bars, along curves as bands.
     series: columns whose values name a series, joined by commas (an empty one is left out); the
         legend has the series in the order of their first rows.
-    styles: how series are drawn, by a value of one of their columns: "points" (marks joined by
-        lines), "marks" (marks alone), "open" (open marks alone) or "curve" (a line without marks);
-        a column `style` of the table does the same.  Others have the style `style`.
+    styles: how series are drawn, by their name or a value of one of their columns: "points" (marks
+        joined by lines), "marks", "open" or "half" (full, open or half open marks alone) or "curve"
+        (no marks); a column `style` of the table does the same.  Others have the style `style`.
     colour: the column whose values share a colour, with `colours` from value to colour, or in
         turn; none: each series has its own.
     mark: the column whose values share a mark, or the dashes of a curve; none: as of the colour.
@@ -132,12 +133,13 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
 
 
 def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
+    name = ", ".join(str(value) for value in values if value != "")
     style = group["style"].iloc[0] if "style" in group else None
     if not isinstance(style, str):
-        style = next((plot.styles[value] for value in values if value in plot.styles), plot.style)
+        known = (plot.styles[key] for key in (name, *values) if key in plot.styles)
+        style = next(known, plot.style)
     columns = [plot.x[0], plot.y[0], f"{plot.y[0]}_low", f"{plot.y[0]}_high"]
     x, y, low, high = group.reindex(columns=columns).to_numpy(np.float64).T
-    name = ", ".join(str(value) for value in values if value != "")
     colour, mark = (group[by].iloc[0] if by else name for by in (plot.colour, plot.mark))
     return _Line(name, x, y, low, high, style, colour, mark)
 
@@ -154,15 +156,14 @@ def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
     shared = dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours) if plot.colour else {}
     looks = []
     for one, colour in zip(lines, own, strict=True):
-        curve, alone = one.style == "curve", one.style in ("marks", "open")
+        curve, alone = one.style == "curve", one.style in ("marks", *_FILLS)
         number = kinds[curve].setdefault(one.kind, len(kinds[curve]))
         look: dict[str, Any] = {"color": colour or next(rest)}
         look["marker"] = None if curve else MARKERS[number % len(MARKERS)]
         dashes = DASHES[number % len(DASHES)]
         look["linestyle"] = dashes if curve else "none" if alone else "-"
         look["color"] = shared.get(one.group, look["color"])
-        if one.style == "open":
-            look["fillstyle"] = "none"
+        look |= {"fillstyle": _FILLS[one.style]} if one.style in _FILLS else {}
         if not curve and one.x.size > 25:
             look["markersize"] = 3.0
         looks.append(look)
@@ -170,7 +171,7 @@ def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
 
 
 def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot, aside: float) -> None:
-    """Draw a series, so many points of length beside its places."""
+    """Draw a series, its error bars so many points of length beside its marks."""
     from matplotlib.transforms import ScaledTranslation
 
     order = abs(observed_order(one.x, one.y)) if one.name in plot.orders else math.nan
@@ -179,18 +180,16 @@ def _draw(axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot, aside: flo
     if "y" in plot.log:
         good &= one.y > 0
     x, unit = one.x[good] / plot.scale[0], plot.scale[1]
-    drawn = axes.plot(x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look)
+    axes.plot(x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look)
     if not one.bounded:
         return
     bounds = x, one.low[good] / unit, one.high[good] / unit
     if one.style == "curve":
         axes.fill_between(*bounds, color=look["color"], alpha=0.2, linewidth=0)
-    else:
-        drawn.append(axes.vlines(*bounds, color=look["color"], linewidth=0.9))
-    # Not earlier, when the limits of the axes would be those of the moved points.
+        return
+    bars = axes.vlines(*bounds, color=look["color"], linewidth=0.9)
     move = ScaledTranslation(aside / 72, 0, axes.figure.dpi_scale_trans)
-    for artist in drawn if aside else ():
-        artist.set_transform(axes.transData + move)
+    bars.set_transform(axes.transData + move)
 
 
 def _draw_zeros(axes: Any, lines: Sequence[_Line], looks: Sequence[dict[str, Any]]) -> None:
@@ -230,17 +229,19 @@ def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
 
 
 def _undecided(lines: Sequence[_Line]) -> str:
-    """Return a warning if the intervals of most points are wider than all differences shown."""
-    told = [one for one in lines if one.barred]
-    none: FloatArray = np.zeros(0)
-    widths = np.concatenate([none, *(one.high - one.low for one in told)])
-    means = np.concatenate([none, *(one.y for one in told)])
-    known = np.isfinite(widths) & np.isfinite(means)
-    if known.sum() < 2 or np.median(widths[known]) <= np.ptp(means[known]):
+    """Return a warning if intervals are wider than the differences of series at most places."""
+    told = pd.DataFrame(
+        [(f"{x:.6g}", y, high - low) for one in lines if one.barred
+         for x, y, low, high in zip(one.x, one.y, one.low, one.high, strict=True)],
+        columns=["x", "y", "width"],
+    ).dropna()  # fmt: skip
+    several = [place for _, place in told.groupby("x") if len(place) > 1]
+    wide = [place["width"].median() > np.ptp(place["y"]) for place in several]
+    if 2 * sum(wide) <= len(wide):
         return ""
     return (
-        "The intervals are wider than the differences between the points, so this chart decides "
-        "nothing; more surfaces (--full) narrow them."
+        "At most places the intervals are wider than the differences between the series, so this "
+        "chart does not tell them apart; more surfaces or a finer grid narrow the intervals."
     )
 
 
