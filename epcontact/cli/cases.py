@@ -67,7 +67,7 @@ def run(
     ]
     for sentence in (tables.gamma_sentence(chosen), *theories, chosen.told_hardness):
         if sentence:
-            click.echo(str(sentence))
+            tables.print_hanging(console, str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
@@ -186,7 +186,7 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     if not verdict.passed:
         steps.append("the same command solves again only what has changed")
     if steps:
-        console.print(f"next: {'; '.join(steps)}", soft_wrap=True, markup=False, highlight=False)
+        tables.print_hanging(console, f"next: {'; '.join(steps)}")
     sys.stdout.flush()
 
 

@@ -251,7 +251,7 @@ def sweep(case: str, size: str, run: Run, fields: str, among: str, charts: bool)
     if (left := len(swept.loads) - len(shown_points)) > 0:
         click.echo(f"and {left} more")
     for note, count in swept.notes.items():
-        click.echo(f"note of {count} tasks: {note}")
+        click.echo(f"note of {count} task{'s' * (count > 1)}: {note}")
     if charts:
         from epcontact.harness.answers.pictures import draw_members  # charts take long to load
 
