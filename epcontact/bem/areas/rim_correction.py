@@ -137,7 +137,7 @@ def areas_of_sums(
     # to the other front's inside, creases and a lone point, as uncertain as wide, and other bounds.
     located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
     unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (TIP / 2 * sums.tips) ** 2
-    unseen += sums.crease**2 + (located * (sums.points == 1)) ** 2
+    unseen += sums.crease**2 + (located * (sums.points == 1) * (cells > 1)) ** 2
     return _possible(located / cells, (covariance + np.diag(unseen)) / cells**2, share)
 
 
