@@ -24,7 +24,7 @@ FLOORS = (
 LINES = {
     "epcontact": 101,
     "epcontact.bem": 3746,
-    "epcontact.cli": 1416,
+    "epcontact.cli": 1419,
     "epcontact.errors": 79,
     "epcontact.files": 132,
     "epcontact.harness": 7360,

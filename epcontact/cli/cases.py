@@ -185,8 +185,11 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
         steps.append(f"`epcontact report {shlex.quote(str(output))}` draws charts and a page")
     if not verdict.passed:
         steps.append("the same command solves again only what has changed")
-    if steps:
-        tables.print_hanging(console, f"next: {'; '.join(steps)}")
+    told = f"next: {'; '.join(steps)}"
+    if steps and console.is_terminal:
+        tables.print_hanging(console, told)
+    elif steps:
+        console.print(told, soft_wrap=True, markup=False, highlight=False)
     sys.stdout.flush()
 
 
