@@ -108,8 +108,13 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty(columns, np.uint16),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
-    _sweep(solution, block, blocks, table, found)
-    for sums, (first, last, left, right) in zip(found, blocks, strict=True):
+    for k, (first, last, left, right) in enumerate(blocks):
+        ends, sums = (last - first + PAD, right - left + PAD), found[k]
+        for front in range(2 if solution.hardness < np.inf else 1):
+            _fill(block, solution, blocks[k], front)
+            _pass(block, solution, ends, table, sums[front : front + 1])
+        # What is inside the plastic front is outside its mirror image.
+        sums["area"][1], sums["turn"][1] = -sums["area"][1], -sums["turn"][1]
         p = solution.pressure[first:last, left:right]
         sums["points"] = np.count_nonzero(p > 0), np.count_nonzero(p >= solution.hardness)
         sums["area"] += sums["points"]
@@ -117,19 +122,6 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
 
 
 @compiled
-def _sweep(solution: Solution, block: Block, blocks: Any, offsets: FloatArray, found: Any) -> None:
-    """Add the sums over each block, with the area less the points inside."""
-    for k in range(len(blocks)):
-        first, last, left, right = blocks[k]
-        for front in range(2 if solution.hardness < np.inf else 1):
-            _fill(block, solution, blocks[k], front)
-            ends, sums = (last - first + PAD, right - left + PAD), found[k, front]
-            _pass(block, solution, ends, offsets, sums)
-            if front:  # what is inside the plastic front is outside its mirror image
-                sums.area, sums.turn = -sums.area, -sums.turn
-
-
-@inner
 def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int) -> None:
     """Fill the memory with the points of a block, or with their mirror images for front 1."""
     (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
@@ -157,10 +149,10 @@ def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int
             done += stop - start
 
 
-@inner
-def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, sums: Any) -> None:
+@compiled
+def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, found: Any) -> None:
     """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
-    v, inside, _, _, _, cells = block
+    (v, inside, _, _, _, cells), sums = block, found[0]
     for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
         before, here, count = inside[i - 1], inside[i], 0
         for j in range(1, len(cells)):  # a loop that the compiler makes one over vectors
