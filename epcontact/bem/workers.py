@@ -22,15 +22,17 @@ provide_kernel_cache()  # before the first kernel is defined
 
 T = TypeVar("T")
 
-#: Compiles a pass.  Its sums may be reordered so that they vectorise; infinities (an infinite
-#: hardness, a division by zero) keep their meaning.  No C code calls a pass, which saves a wrapper.
-compiled = numba.njit(
-    nogil=True,
-    cache=True,
-    fastmath={"reassoc", "contract", "nsz"},
-    error_model="numpy",
-    no_cfunc_wrapper=True,
-)
+#: Sums may be reordered so that they vectorise; infinities (an infinite hardness, a division by
+#: zero) keep their meaning.  No C code calls a pass, which saves a wrapper.
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "cache": True,
+    "fastmath": {"reassoc", "contract", "nsz"},
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
+#: Compiles a pass.
+compiled = numba.njit(**OPTIONS)
 
 
 def ranges(size: int, step: int) -> list[slice]:

@@ -2,7 +2,3 @@
 
 Read `front` (where a front is), `grid` (what fronts enclose), `rim_correction` (how sure that is).
 """
-
-from epcontact.machine import provide_kernel_cache
-
-provide_kernel_cache()  # before the first kernel is defined

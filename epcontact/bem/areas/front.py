@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from epcontact.bem.workers import OPTIONS, compiled
 from epcontact.results import FloatArray
 
 #: Offset of a front along an axis, in dx: 1/4 - 1/(2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
@@ -41,11 +42,8 @@ KINK = 0.13
 #: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
 EDGE = 0.75
 
-#: Compiles a function of `front` or `grid`.  An inner one is compiled into its caller: to hand over
-#: arrays takes as long as the work.
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-compiled = numba.njit(**_OPTIONS)
-inner = numba.njit(**_OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
+#: Compiles a function into its caller: to hand over arrays takes as long as the work.
+inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
 
 
 class Link(NamedTuple):

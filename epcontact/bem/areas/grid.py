@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Link, compiled, crease, inner, locate, release, wedge
+from epcontact.bem.areas.front import Link, crease, inner, locate, release, wedge
+from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
