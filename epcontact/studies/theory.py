@@ -19,14 +19,7 @@ from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Scene
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
-from epcontact.studies.paper_scene import (
-    GAMMA,
-    HARDNESS,
-    MEAN_PRESSURE,
-    MODULUS,
-    PARTS,
-    rough_scene,
-)
+from epcontact.studies.paper_scene import HARDNESS, MEAN_PRESSURE, PARTS, rough_scene
 from epcontact.surfaces import filtered
 
 # --- gamma ---------------------------------------------------------------------------------------
@@ -37,23 +30,19 @@ _AREA = ("area_fraction", r"contact area $A / A_0$ (–)")
 
 def theory_areas() -> pd.DataFrame:
     """Areas of the paper's scene by the theory: columns gamma and AREAS, one row for each gamma."""
-    diffusion = float(persson.full_contact_diffusion(MODULUS, 1.0))  # the rms slope is 1
-    gammas = np.linspace(0.3, 1.0, 141)
-    capped, alone = (
-        persson.areas(gammas * diffusion, MEAN_PRESSURE, h) for h in (HARDNESS, math.inf)
-    )
-    columns = (gammas, capped.total, capped.elastic, capped.plastic, alone.total)
-    return pd.DataFrame(dict(zip(("gamma", *AREAS), columns, strict=True)))
+    diffusion = float(persson.full_contact_diffusion(paper.MODULUS, 1.0))  # the rms slope is 1
+    gammas, laws = np.linspace(0.3, 1.0, 141), paper.LAWS.values()
+    capped, body = (persson.areas(gammas * diffusion, MEAN_PRESSURE, law) for law in laws)
+    parts = {part: getattr(capped, part) for part in PARTS}
+    return pd.DataFrame({"gamma": gammas} | parts | {AREAS[3]: body.total})
 
 
 def fit_gamma(table: pd.DataFrame, measured: Mapping[Any, Any]) -> tuple[float, float, float]:
     """The gamma at which `theory_areas` have a measured area, and its interval; NaN for none."""
-    gamma, areas, found = table["gamma"].to_numpy(), table[measured["area"]].to_numpy(), []
-    for level in (measured[f"area_fraction{end}"] for end in ("", "_low", "_high")):
-        places = np.flatnonzero(np.diff(areas > level))
-        i = places[0] if places.size == 1 else 0
-        share = (level - areas[i]) / (areas[i + 1] - areas[i]) if places.size == 1 else math.nan
-        found.append(float(gamma[i] + share * (gamma[i + 1] - gamma[i])))
+    rising = table.sort_values(measured["area"])
+    levels = [measured[f"area_fraction{end}"] for end in ("", "_low", "_high")]
+    beyond = {"left": math.nan, "right": math.nan}
+    found = np.interp(levels, rising[measured["area"]], rising["gamma"], **beyond).tolist()
     return found[0], min(found[1:]), max(found[1:])
 
 
@@ -89,7 +78,7 @@ def gamma(say: Say, points: int = 4, bandwidth: int = 128, seeds: Ints = range(7
     both = both.sort_values("area", key=lambda area: area.map(AREAS.index), kind="stable")
     x, colours = ("gamma", r"energy reduction $\gamma$ (–)"), PART_COLOURS | {AREAS[3]: CYCLE[1]}
     plot = Plot(x, _AREA, ("area", "method"), style="curve", colour="area", colours=colours)
-    plot = replace(plot, mark="method", upright={r"$\gamma$ of the paper": GAMMA})
+    plot = replace(plot, mark="method", upright={r"$\gamma$ of the paper": paper.GAMMA})
     yield plot, both, f"Contact areas, which the theory meets at the gammas {told}"
     off = curves.merge(measured, on="area", suffixes=("", "_bem"))
     for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
@@ -179,15 +168,17 @@ def magnification(
 ENDS = ("0+", "hardness-")
 #: The window as a share of the hardness, of the density that at COARSEST points.
 WINDOW, COARSEST = 0.2, 4
-DENSITY, MEAN_SLOPE = "density", "mean slope"
-#: The power of the spacing with which a figure approaches its limit.
-ORDERS = {DENSITY: 0.5, MEAN_SLOPE: 1.0}
-_RELATIVE = ("relative_pressure", "relative_density")
-_FIGURE = ["end", "figure", "value"]
-_LABELS = {
-    "relative_density": r"density at the end, $P\,\sigma_\mathrm{P}$ (–)",
-    "relative_slope": rf"slope within {WINDOW:g} of the end, $P'\,\sigma_\mathrm{{P}}^2$ (–)",
+DENSITY, SLOPE = "relative_density", "relative_slope"
+#: Names and labels of the figures, and the power of the spacing with which each has its limit.
+FIGURES = {
+    DENSITY: ("density", r"density at the end, $P\,\sigma_\mathrm{P}$ (–)", 0.5),
+    SLOPE: (
+        "mean slope",
+        rf"slope within {WINDOW:g} of the end, $P'\,\sigma_\mathrm{{P}}^2$ (–)",
+        1.0,
+    ),
 }
+_RELATIVE = ("relative_pressure", DENSITY)
 
 
 @study("pressures", bandwidth=128)
@@ -221,70 +212,56 @@ def pressures(
     y = (_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
     plot = Plot(x, y, style="curve", limits={"ylim": (0, None), "xlim": (0, 1)})
     yield plot, pd.concat([theory.assign(series="persson"), measured]), "Density of the pressure"
-    exact, limits = pd.DataFrame(theory_figures(scene)), grid_limits(figures)
-    for figure in ORDERS:
-        yield _limit_chart(figure, *(t[t["figure"] == figure] for t in (figures, limits, exact)))
+    exact = pd.DataFrame(theory_figures(scene))
+    x = ("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
+    figures[x[0]] = 1 / np.sqrt(figures["points_per_wavelength"])
+    ends = pd.Series([0.0, figures[x[0]].max()], name=x[0])
+    for figure, (name, label, _) in FIGURES.items():
+        means = mean_with_interval(figures, figure, ["end", x[0]])
+        limits = grid_limits(figures, figure).assign(**{x[0]: 0.0}, kind="limit", style="open")
+        levels = exact.merge(ends, how="cross").assign(method="persson", style="curve")
+        levels = levels[levels[figure] != 0]  # which is where the dotted line is
+        both = pd.concat([means, limits, levels]).sort_values("end", kind="stable")
+        both[["method", "kind"]] = both[["method", "kind"]].fillna("")
+        told = limits.assign(limit=limits[figure], theory=exact[figure])
+        told = listed(told, "{end} {limit:+.3g} (theory {theory:.3g})")
+        title = f"The {name} of P at the ends, with limits for ever finer grids: {told}"
+        series = ("method", "end", "kind")
+        yield Plot(x, (figure, label), series, colour="end", level=0.0), both, title
 
 
 def end_figures(result: ContactResult, points_per_wavelength: float) -> list[dict[str, Any]]:
-    """The figures of a solution on a grid, a row for each end and figure: end, figure, value."""
+    """DENSITY and SLOPE of a solution on a grid, a row for each end."""
     relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
     shrinking = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
-    wanted = {DENSITY: (shrinking, "density"), MEAN_SLOPE: (WINDOW, "continuum_slope")}
+    near, wide = (end_fits(relative, 1.0, window, areas) for window in (shrinking, WINDOW))
     return [
-        dict(zip(_FIGURE, (end, figure, getattr(fit, name)), strict=True))
-        for figure, (window, name) in wanted.items()
-        for end, fit in zip(ENDS, end_fits(relative, 1.0, window, areas), strict=True)
-        if fit is not None
+        {"end": end, DENSITY: one.density, SLOPE: other.continuum_slope}
+        for end, one, other in zip(ENDS, near, wide, strict=True)
     ]
 
 
 def theory_figures(scene: Scene) -> list[dict[str, Any]]:
     """The theory's figures for the spectrum of the scene's surface, as `end_figures` has them."""
-    final, found = paper.by_theory(scene).final, []
+    final = paper.by_theory(scene).final
     G, p0 = final.quantities["diffusion"] / HARDNESS**2, scene.load.final / HARDNESS
     below, above = persson.pressure_cumulative(np.array([WINDOW, 1 - WINDOW]), G, p0, 1.0)
-    for end, share in zip(ENDS, (below, final.areas["raw"].elastic - above), strict=True):
-        found += [(end, DENSITY, 0.0), (end, MEAN_SLOPE, float(2 * share / WINDOW**2))]
-    return [dict(zip(_FIGURE, row, strict=True)) for row in found]
+    shares = zip(ENDS, (below, final.areas["raw"].elastic - above), strict=True)
+    return [{"end": e, DENSITY: 0.0, SLOPE: float(2 * share / WINDOW**2)} for e, share in shares]
 
 
-def grid_limits(figures: pd.DataFrame) -> pd.DataFrame:
-    """Extrapolate figures to ever finer grids, surface by surface: end, figure and the
-    limit as value with its error, of scatter and of fit together, as value_low and value_high.
-    Slopes are taken without the coarsest grid, whose rims fill the window."""
-    found = []
-    for (end, figure), group in figures.groupby(_FIGURE[:2], sort=False):
-        table = group.pivot(index="seed", columns="points_per_wavelength", values="value")
+def grid_limits(figures: pd.DataFrame, figure: str) -> pd.DataFrame:
+    """Extrapolate a figure to ever finer grids, surface by surface: the limit at each end, with the
+    error of scatter and of fit together.  Slopes are taken without the coarsest grid, whose rims
+    fill the window."""
+    found, order = [], FIGURES[figure][2]
+    for end, group in figures.groupby("end", sort=False):
+        table = group.pivot(index="seed", columns="points_per_wavelength", values=figure)
         table = table if figure == DENSITY else table.iloc[:, 1:]
-        n, order = table.columns.to_numpy(), ORDERS[figure]
+        n = table.columns.to_numpy()
         limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
         # The error of the fit is common to all surfaces: it does not fall with their number.
         error = math.hypot(limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1])
-        found.append((end, figure, limit.mean, limit.mean - error, limit.mean + error))
-    return pd.DataFrame(found, columns=[*_FIGURE, "value_low", "value_high"])
-
-
-def _by_end(tables: Sequence[pd.DataFrame], column: str) -> pd.DataFrame:
-    both = pd.concat(tables).sort_values("end", kind="stable")
-    return both.rename(columns=lambda name: name.replace("value", column))
-
-
-def _limit_chart(
-    figure: str, figures: pd.DataFrame, limits: pd.DataFrame, theory: pd.DataFrame
-) -> tuple[Plot, pd.DataFrame, str]:
-    """A figure of both ends against the root of the spacing, with limits at 0 and the theory's."""
-    told = listed(limits.merge(theory, on="end"), "{end} {value_x:+.3g} (theory {value_y:.3g})")
-    means = mean_with_interval(figures, "value", ["end", "points_per_wavelength"])
-    x = ("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
-    means["series"], means[x[0]] = means["end"], 1 / np.sqrt(means["points_per_wavelength"])
-    levels = theory.merge(pd.DataFrame({x[0]: [0.0, means[x[0]].max()]}), how="cross")
-    if figure == DENSITY:
-        levels = levels.iloc[:0]  # it is zero, where the dotted line is
-    levels = levels.assign(style="curve", series="persson, " + levels["end"])
-    limits = limits.assign(**{x[0]: 0.0}, style="open", series=limits["end"] + ", limit")
-    column = "relative_density" if figure == DENSITY else "relative_slope"
-    plot = Plot(x, (column, _LABELS[column]), colour="end", level=0.0)
-    title = f"The {figure} of P at the ends, with limits for ever finer grids: {told}"
-    return plot, _by_end([means, limits, levels], column), title
+        found.append((end, limit.mean, limit.mean - error, limit.mean + error))
+    return pd.DataFrame(found, columns=["end", figure, f"{figure}_low", f"{figure}_high"])
