@@ -36,7 +36,7 @@ LINES = {
     "epcontact.reference": 1110,
     "epcontact.results": 291,
     "epcontact.scene": 499,
-    "epcontact.studies": 2900,
+    "epcontact.studies": 2857,
     "epcontact.surfaces": 1994,
     "fem_check": 3642,
     "tests": 16536,

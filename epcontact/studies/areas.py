@@ -15,7 +15,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from epcontact import bem
 from epcontact.bem.areas.rim_correction import estimate_areas
@@ -23,7 +22,7 @@ from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.output.charts.plot import Plot
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import Body, Material, SelfAffineSpectrum
-from epcontact.studies.frame import Charts, Ints, Say, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
 from epcontact.studies.paper_scene import PARTS
 from epcontact.surfaces import SelfAffine
 
@@ -216,19 +215,17 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
     return Member(shape, periods, load, hardness, high, makers[kind], int(rng.integers(1 << 31)))
 
 
-def judged(kind: str, seed: int, points: int) -> list[dict[str, Any]]:
+def judged(kind: str, seed: int, points: int) -> Rows:
     """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
-    Each part of the area has a row: kind, seed, part, exact, error (of the corrected area), claimed
-    and times, error by claimed error beyond the solver's tolerance, unless neither exists."""
+    Each part of the area has a row: part and times, the error of the corrected area by its claimed
+    error beyond the solver's tolerance, unless neither exists."""
     one, found = member(KINDS, kind, seed, points), []
     (_, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
     for part in PARTS if math.isfinite(one.hardness) else ("total",):
         truth, area, claim = (getattr(areas, part) for areas in (exact, corrected, claimed))
         error = max(abs(area - truth) - 1e-9, 0.0)
         if error > 0 or claim > 0:
-            told = {"exact": truth, "error": abs(area - truth), "claimed": claim}
-            told["times"] = error / max(claim, 1e-9)
-            found.append({"kind": kind, "seed": seed, "part": part} | told)
+            found.append({"part": part, "times": error / max(claim, 1e-9)})
     return found
 
 
@@ -241,20 +238,15 @@ def areas(
     Each mark is an area, at .001 or 100 if beyond; the truth is a grid 8 times as fine.  Loads are
     .003 to 2 E*, the hardness .05 to 2 E* or none, with 3 to 16 points a shortest wave.
     """
-    found = []
-    for seed in seeds:
-        say(f"seed {seed} of every kind")
-        found += [row for kind in kinds for row in judged(kind, seed, points)]
-    table = pd.DataFrame(found)
+    table = rows(say, judged, seed=seeds, kind=kinds, points=[points])
     table["times"] = table["times"].clip(1e-3, 1e2)
-    within = table.groupby("kind")["times"].agg(lambda times: (times <= 1).mean())
-    order = table["kind"].drop_duplicates().to_list()[::-1]
-    names = [f"{kind}, {within[kind]:.0%}" for kind in order]
-    table["row"], table["one"] = table["kind"].map(order.index), "look"
-    labels = dict.fromkeys(order, "_")
+    within = table["times"] <= 1
+    shares = within.groupby(table["kind"], sort=False).mean()[::-1]
+    kinds, names = list(shares.index), [f"{kind}, {share:.0%}" for kind, share in shares.items()]
+    table["row"], table["one"] = table["kind"].map(kinds.index), "look"
     x, y = ("times", "error by claimed error (–)"), ("row", "kind, share within its claim (–)")
-    plot = Plot(x, y, ("kind",), style="open", colour="one", log="x", upright={"claimed": 1.0})
     limits = {"yticks": range(len(names)), "yticklabels": names, "ylim": (-0.7, len(names))}
-    plot = replace(plot, labels=labels, limits=limits)
-    told = f"Of {len(table)} areas {(table['times'] <= 1).mean():.0%} are within their claim"
+    look: Any = {"labels": dict.fromkeys(kinds, "_"), "upright": {"claimed": 1.0}, "limits": limits}
+    plot = Plot(x, y, ("kind",), style="open", colour="one", log="x", **look)
+    told = f"Of {len(table)} areas {within.mean():.0%} are within their claim"
     yield plot, table.drop(columns="seed"), told

@@ -54,10 +54,8 @@ def measured(**place: Any) -> dict[str, float]:
 
 def means(say: Say, **axes: Sequence[Any]) -> pd.DataFrame:
     """A row for each place: y with its interval, and the mean number of patches."""
-    table = rows(say, measured, **axes)
-    found = mean_with_interval(table, "y", PLACE, "claim")
+    found = mean_with_interval(rows(say, measured, **axes), "y", PLACE, "claim")
     found["half_width"] = (found["y_high"] - found["y"]) / found["y"]
-    found["patches"] = table.groupby(PLACE, sort=False)["patches"].mean().to_numpy()
     return found[[*PLACE, "y", "half_width", "patches"]]
 
 

@@ -23,7 +23,7 @@ from epcontact.machine import available_cores, forget_peak, peak_memory
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
-from epcontact.studies.frame import Charts, Ints, Say, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
 from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
 
 RESIDUAL, AREA = 1e-8, 1e-4
@@ -150,7 +150,7 @@ def speed(
     forget_peak()
     held = peak_memory()
 
-    def row(points_a_side: int, law: str) -> list[dict[str, Any]]:
+    def row(points_a_side: int, law: str) -> Rows:
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
         count = min(solves[1], max(solves[0], 2**23 // points_a_side**2))

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import pandas as pd
 
@@ -18,7 +17,7 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body
 from epcontact.studies.cost import pair_times
-from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, root_mean_square, rows, study
 from epcontact.studies.hardness import PERIOD, model_scene
 from epcontact.studies.paper_scene import area_of
 from fem_check.limit_load import STRIP_LIMIT, strip_punch
@@ -100,7 +99,7 @@ def mesh_errors(say: Say, nodes: Ints, waves: int, seeds: Ints) -> pd.DataFrame:
     """Errors of the J2 body's contact area against the corrected one on the finest mesh, and what
     that claims, rms over the surfaces."""
 
-    def row(seed: int) -> list[dict[str, Any]]:
+    def row(seed: int) -> Rows:
         results = [_solved(_body(seed, n * waves, waves)) for n in nodes]
         exact, found = area_of(results[-1], "total"), []
         claim = {REFERENCE: area_of(results[-1], "total", "error") / exact}
@@ -127,7 +126,7 @@ def step_errors(say: Say, steps: Ints, waves: int, seeds: Ints) -> pd.DataFrame:
     """Errors of the J2 body's raw contact area and mean gap against those with the most load
     increments, rms over the surfaces, and the mean of the CG iterations."""
 
-    def row(seed: int) -> list[dict[str, Any]]:
+    def row(seed: int) -> Rows:
         scene, found = _body(seed, 6 * waves, waves), []
         results = [_solved(scene, steps=count) for count in steps]
         values = {

@@ -23,6 +23,8 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
 
 Ints = Sequence[int]
+#: Rows of a table, by the names of its columns.
+Rows = list[dict[str, Any]]
 #: Called with a sentence before each longer piece of work.
 Say = Callable[[str], None]
 #: The look of a chart, or what draws it of its rows and its caption.
@@ -83,19 +85,19 @@ def rows(say: Say, row: Callable[..., Any], **axes: Sequence[Any] | Mapping[Any,
 def mean_with_interval(
     table: pd.DataFrame, value: str, by: Sequence[str], shared_error: str = ""
 ) -> pd.DataFrame:
-    """Means of a column over groups, in the order of their first rows, with <value>_low and _high,
-    Student's 95 % interval.  `shared_error` is a column of errors that the rows of a group have in
-    common, so that they do not average out: their mean is added in quadrature."""
+    """Means of all columns over groups, in the order of their first rows, and of one of them
+    <value>_low and <value>_high, Student's 95 % interval.  `shared_error` is a column of errors
+    that the rows of a group have in common, so that they do not average out: their mean is added
+    in quadrature."""
     groups = table.groupby(list(by), sort=False)
-    mean = groups[value].mean()
+    found = groups.mean(numeric_only=True).drop(columns="seed", errors="ignore")
     half_width = groups[value].agg(lambda values: estimate(values.to_numpy()).half_width)
     if shared_error:
-        half_width = np.hypot(half_width, groups[shared_error].mean())
-    low, high = mean - half_width, mean + half_width
+        half_width = np.hypot(half_width, found[shared_error])
+    low, high = found[value] - half_width, found[value] + half_width
     if re.search("share|fraction|overlap|^area$", value) and table[value].between(0, 1).all():
         low, high = low.clip(lower=0), high.clip(upper=1)
-    bounds = {f"{value}_low": low, f"{value}_high": high}
-    return pd.DataFrame({value: mean} | bounds).reset_index()
+    return found.assign(**{f"{value}_low": low, f"{value}_high": high}).reset_index()
 
 
 def root_mean_square(table: pd.DataFrame, value: str, by: Sequence[str]) -> pd.DataFrame:

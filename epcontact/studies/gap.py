@@ -18,20 +18,14 @@ import numpy as np
 import pandas as pd
 
 import fem_check
-from epcontact import bem
+from epcontact import bem, persson
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE
-from epcontact.persson.elastoplastic import areas
-from epcontact.persson.separation import (
-    flattened,
-    flattened_roughness,
-    gap_distribution,
-    mean_separation,
-)
+from epcontact.persson import separation
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene, Surface
 from epcontact.studies import paper_scene as paper
-from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, mean_with_interval, rows, study
 from epcontact.studies.paper_scene import MODULUS, rough_scene, theory_of
 from epcontact.surfaces import power_by_octave, residual_surface, topography
 
@@ -45,7 +39,7 @@ _LOAD, _LENGTH, _OFF = "pressure_over_modulus", "length_over_rms_height", "devia
 _COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
 
 
-def gaps(scene: Scene, loads: Sequence[float], solve: Callable[[Scene], ContactResult]) -> Any:
+def gaps(scene: Scene, loads: Sequence[float], solve: Callable[[Scene], ContactResult]) -> Rows:
     """A row for each load over E*: the lengths of QUANTITIES over the rms height."""
     path, found = Load(tuple(MODULUS * load for load in loads)), []
     for load, step in zip(loads, solve(replace(scene, load=path)).steps, strict=True):
@@ -99,34 +93,27 @@ def gap(
     both[_OFF] = 100 * (both[f"{OPEN}_theory"] / both[OPEN] - 1)
     y = (_OFF, "theory over boundary elements, less 1 (%)")
     yield Plot(x, y, ("law",), ticks=LOADS, **off, **look), both, "Deviation of the theory's gap"
-    axes = {"grid": grids, "law": (*paper.LAWS, "j2"), "waves": [block_waves]}
-    blocks, finest, ticks = rows(say, _block_gaps, **axes), max(grids), LOADS[:-1]
+    axes = {"law": (*paper.LAWS, "j2"), "grid": grids, "waves": [block_waves]}
+    blocks, finest, ticks = rows(say, block_gaps, **axes), max(grids), LOADS[:-1]
     plot = replace(plot, ticks=ticks, styles={"bem": "curve"})
     yield plot, blocks[blocks["grid"] == finest], "Mean open gap by boundary and finite elements"
-    found = block_deviations(blocks)
-    found = found[(found["law"] != "j2") | (found["grid"] == finest)]
+    found = blocks[(blocks["law"] != "j2") | (blocks["grid"] == finest)].dropna(subset=_OFF)
     found["points"] = found["grid"].map("{} points".format)
     y = (_OFF, "finite over boundary elements, less 1 (%)")
     plot = Plot(x, y, ("law", "points"), mark="points", ticks=ticks, **off, **look)
     yield plot, found, "Deviation of finite elements from capped or elastic boundary elements"
 
 
-def _block_gaps(grid: int, law: str, waves: int) -> Any:
-    """The open gap of one surface by finite elements and, but for J2 flow, by boundary elements."""
+def block_gaps(law: str, grid: int, waves: int) -> Rows:
+    """The open gap of one surface by boundary elements and by finite ones, with the deviation of
+    these; J2 flow is held against the capped law."""
     scene = rough_scene(grid, 7, waves, paper.LAWS.get(law, paper.HARDNESS))
-    solvers: dict[str, Any] = {} if law == "j2" else {"bem": bem.solve}
-    solvers["fem"] = partial(fem_check.solve, law=law, certified=False)
-    scene, loads = (paper.yielding(scene) if law == "j2" else scene), LOADS[:-1]  # then J2 is full
-    return [{"method": name} | row for name in solvers for row in gaps(scene, loads, solvers[name])]
-
-
-def block_deviations(blocks: pd.DataFrame) -> pd.DataFrame:
-    """Finite over boundary elements on the same grid, less 1, in %; J2 over the capped law."""
-    wide, tables = blocks.pivot(index=["grid", _LOAD], columns=["method", "law"], values=OPEN), []
-    for law in (*paper.LAWS, "j2"):
-        ratio = wide["fem", law] / wide["bem", "capped" if law == "j2" else law]
-        tables.append((100 * (ratio - 1)).rename(_OFF).reset_index().assign(law=law))
-    return pd.concat(tables, ignore_index=True)
+    solve, loads = partial(fem_check.solve, law=law, certified=False), LOADS[:-1]  # then J2 is full
+    exact = gaps(scene, loads, bem.solve)
+    found = gaps(paper.yielding(scene) if law == "j2" else scene, loads, solve)
+    for one, known in zip(found, exact, strict=True):
+        one |= {"method": "fem", _OFF: 100 * (one[OPEN] / known[OPEN] - 1)}
+    return found if law == "j2" else [known | {"method": "bem"} for known in exact] + found
 
 
 # --- its distribution ----------------------------------------------------------------------------
@@ -140,7 +127,7 @@ def cumulative(method: str, scene: Scene) -> FloatArray:
     """Share of the nominal area with a gap of at most GAPS times the rms height."""
     u = GAPS * scene.surface.rms_height
     if method == "persson":
-        return gap_distribution(theory_of(scene), scene.load.final, u)[1]
+        return separation.gap_distribution(theory_of(scene), scene.load.final, u)[1]
     law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
     blocks = partial(fem_check.solve, law=law, certified=False)
     result = (paper.settled if method == "bem" else blocks)(scene)
@@ -208,12 +195,11 @@ def residual_of(model: str, scene: Scene) -> Surface:
 
 def theory_power(scene: Scene) -> FloatArray:
     """The share of each octave's slope variance that the theory's effective spectrum keeps."""
-    before = theory_of(scene)
-    after = flattened_roughness(before, scene.load.final)
-    first = 2 * math.pi / max(scene.surface.periods)
-    octave = np.floor(np.log2(before.roughness.upper_edge / first)).astype(int)
+    theory, first = theory_of(scene), 2 * math.pi / max(scene.surface.periods)
+    before, after = theory.roughness, separation.flattened(theory, scene.load.final).roughness
+    octave = np.floor(np.log2(before.upper_edge / first)).astype(int)
     kept = np.bincount(octave, after.slope_variance)
-    return np.asarray(kept / np.bincount(octave, before.roughness.slope_variance))
+    return np.asarray(kept / np.bincount(octave, before.slope_variance))
 
 
 @study("residual", points=8, wide=256, seeds=range(201, 217))
@@ -263,9 +249,7 @@ def residual(
         named = table.assign(hardness=table["hardness"].map(r"{:g} $E^*\xi$".format))
         yield power, named, f"Power that an octave of wave numbers keeps, bandwidth {bandwidth}"
         table = table[table[x[0]] == table[x[0]].max()]
-        means = table.groupby(by, sort=False).mean(numeric_only=True)
-        means = means.drop(columns=[skew[0], "seed"])
-        found = mean_with_interval(table, skew[0], by).join(means, on=by).dropna()
+        found = mean_with_interval(table, skew[0], by).dropna()
         told = listed(found, form + "{rms_curvature:.3f}")
         title = f"Change of the skewness of the heights, bandwidth {bandwidth}; of the kurtosis,"
         title += f" and rms height, slope and curvature after over before: {told}"
@@ -279,27 +263,27 @@ AREA, GAP, SPENT = "area", "mean_gap_over_rms_height", "plastic_share"
 _PATH = [("up", share) for share in SHARES] + [("down", share) for share in SHARES[-2::-1]]
 
 
-def cycle(model: str, seed: int, points: int, bandwidth: int) -> list[dict[str, Any]]:
+def cycle(model: str, seed: int, points: int, bandwidth: int) -> Rows:
     """A row for each load up to the peak and down again: branch, load_over_peak, AREA, GAP and
     SPENT, the share of the energy put in that flow has spent (NaN for the theory)."""
     scene = rough_scene(points, seed, bandwidth, HARDNESS * MODULUS)
-    peak, found = scene.load.final, []
+    peak, rms, found = scene.load.final, scene.surface.rms_height, []
     if model == "theory":
         up = theory_of(scene)
-        down = flattened(up, peak)
+        bodies = {"up": up, "down": separation.flattened(up, peak)}
         for branch, share in _PATH:
-            body, p = up if branch == "up" else down, share * peak
-            area = float(areas(body.diffusion(p), p, body.hardness).total)
-            found.append((area, mean_separation(body, p), math.nan))
+            body, p = bodies[branch], share * peak
+            area = float(persson.areas(body.diffusion(p), p, body.hardness).total)
+            mean_gap = separation.mean_separation(body, p)
+            found.append({AREA: area, GAP: mean_gap / rms, SPENT: math.nan})
     else:
         path = Load(tuple(share * peak for _, share in _PATH))
         for step in solved(model, replace(scene, load=path)).steps:
+            told = {AREA: step.areas["corrected"].total, GAP: step.quantities["mean_gap"] / rms}
             work, stored = step.quantities["plastic_work"], step.quantities["elastic_energy"]
-            area, gap = step.areas["corrected"].total, step.quantities["mean_gap"]
-            found.append((area, gap, work / (work + stored)))
-    names, over = ("branch", "load_over_peak", AREA, GAP, SPENT), scene.surface.rms_height
-    told = ((*at, area, gap / over, s) for at, (area, gap, s) in zip(_PATH, found, strict=True))
-    return [dict(zip(names, row, strict=True)) for row in told]
+            found.append(told | {SPENT: work / (work + stored)})
+    places = ({"branch": branch, "load_over_peak": share} for branch, share in _PATH)
+    return [place | told for place, told in zip(places, found, strict=True)]
 
 
 @study("hysteresis", points=8, seeds=range(301, 317))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from epcontact.harness.quantities.registry import measure_all
 from epcontact.materials import hardness_map as kept
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
-from epcontact.studies.frame import Charts, Ints, Say, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
 from epcontact.studies.paper_scene import GAMMA, area_of
 from epcontact.surfaces import SelfAffine
 from fem_check.result import contact_result
@@ -144,7 +143,7 @@ def rough_body(
     E* xi/sigma_Y.  Strains are small, nu = 0.3, and a punch presses along its normals.
     """
 
-    def row(severity: float, slope: float, seed: int) -> list[dict[str, Any]]:
+    def row(severity: float, slope: float, seed: int) -> Rows:
         scene, found = model_scene(severity, 0.3, seed, nodes), {}
         surface = replace(scene.surface, heights=scene.surface.heights * slope / SLOPE)
         material = replace(scene.material, young_modulus=YOUNG * SLOPE / slope)
@@ -193,7 +192,7 @@ def persistence(
         yield plot, table, f"Contact area at E* xi/sigma_Y = {severity:g}"
 
 
-def raw_areas(severity: float, seed: int, nodes: int) -> list[dict[str, Any]]:
+def raw_areas(severity: float, seed: int, nodes: int) -> Rows:
     """The raw contact area along LOADS by each model, at Poisson's ratio 0.3; 1 where the load
     reaches the cap, and no row where the load is outside the map."""
     scene, found = model_scene(severity, 0.3, seed, nodes), []

@@ -4,7 +4,7 @@ Each code is run at rising effort (a tighter tolerance, or more iterations, beca
 always reports an error of zero) until its raw areas agree with those of `epcontact.bem`.  This time
 is a code's best, because only someone who knows the answer can stop there.  A code whose areas
 never agree has no time, and neither has one that takes more than MOST times as long as this
-package: codes run in a process of their own, which the system ends then.
+package: codes run in a process of their own, which is ended then.
 
 Processor time is compared, as it does not count the waiting for other processes.  These also take a
 share of the memory's bandwidth, so that solves of one code differ by up to a half: this package
@@ -17,8 +17,8 @@ import contextlib
 import importlib
 import math
 import os
-import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,13 @@ from epcontact.harness.methods.peers import PEERS, Pressure
 from epcontact.harness.processes import Child, ChildDied
 from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
-from epcontact.studies.cost import AIMS, TIGHT
-from epcontact.studies.cost import timed as clocked
-from epcontact.studies.frame import Charts, Say, listed, study
+from epcontact.studies.cost import AIMS, TIGHT, timed
+from epcontact.studies.frame import Charts, Rows, Say, listed, rows, study
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
 
 #: Largest relative difference of total and plastic raw areas that counts as the same answer, and
-#: times the processor time of this package after which a code is given up.
-AGREEMENT, MOST = 1e-3, 200
+#: times the time of this package, beside the seconds for its start, after which a code is ended.
+AGREEMENT, MOST, STARTING = 1e-3, 200, 20.0
 OWN = "epcontact"
 LOAD = 0.05  # over E*, as in all studies of the paper's scene
 
@@ -55,59 +54,50 @@ def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
     return all(abs(a - b) <= AGREEMENT * b for a, b in zip(areas, exact, strict=True))
 
 
-def race(points: int, bandwidth: int, law: str, peers: dict[str, Pressure], call: Any) -> Any:
+def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Rows:
     """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.  `call`
     makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code, seconds,
     total (raw area; NaN where the code was ended), agrees, setting (the one that agreed or the last
-    one tried), law and points_a_side."""
-    hardness, scene = LAWS[law] / MODULUS, rough_scene(points, 7, bandwidth, LAWS[law])
-    times: dict[str, list[float]] = {aim: [] for aim in AIMS}
+    one tried) and points_a_side."""
+    hardness, scene = LAWS[law] / MODULUS, rough_scene(8, 7, bandwidth, LAWS[law])
+    heights = np.array(scene.surface.heights) / scene.surface.periods[0]
+    times: dict[str, list[tuple[float, float]]] = {aim: [] for aim in AIMS}
 
     def solve_here(aim: str) -> tuple[float, float]:
-        result, (_, spent) = clocked(lambda: bem.solve(scene, threads=1, **AIMS[aim]))
+        result, spent = timed(lambda: bem.solve(scene, threads=1, **AIMS[aim]))
         times[aim].append(spent)
         return result.final.areas["raw"].total, result.final.areas["raw"].plastic
 
+    def row(code: str, setting: str, seconds: float, areas: tuple[float, float]) -> dict[str, Any]:
+        told = {"seconds": seconds, "total": areas[0], "agrees": agree(areas, own[TIGHT])}
+        return {"code": code, "setting": setting, "points_a_side": len(heights)} | told
+
     # Kernels are compiled, and up to 1024 x 1024 points operators prepared, before it is timed.
-    found, table = {aim: solve_here(aim) for aim in AIMS}, []
-    heights = np.array(scene.surface.heights) / scene.surface.periods[0]
+    own, found = {aim: solve_here(aim) for aim in AIMS}, []
     for code, solver in peers.items():
         for effort in efforts(code, heights, hardness):
-            found = {aim: solve_here(aim) for aim in AIMS}
-            seconds, areas = MOST * float(np.median(times[TIGHT][1:])), (math.nan, math.nan)
+            own = {aim: solve_here(aim) for aim in AIMS}
+            solve = partial(solver, heights, LOAD, hardness, effort)
+            usual = float(np.median([wall for wall, _ in times[TIGHT][1:]]))
+            limit = seconds = STARTING + MOST * usual
+            areas = math.nan, math.nan
             try:
-                seconds, pressure = call(timed, seconds, solver, heights, LOAD, hardness, effort)
+                pressure, (_, seconds) = call(timed, solve, limit=limit)
                 # Codes reach the hardness up to rounding.
                 at_hardness = pressure >= hardness * (1 - 1e-9)
                 areas = float((pressure > 0).mean()), float(at_hardness.mean())
             except ChildDied as error:
-                if "SIGXCPU" not in str(error):
+                if "not finished within" not in str(error):
                     raise
-            agrees = agree(areas, found[TIGHT])
-            if agrees or math.isnan(areas[0]):
+            last = row(code, f"{effort:.3g}", seconds, areas)
+            if last["agrees"] or math.isnan(areas[0]):
                 break
-        table.append((code, seconds, areas[0], agrees, f"{effort:.3g}"))
+        found.append(last)
     for aim in AIMS:
-        areas, seconds = solve_here(aim), float(np.median(times[aim][1:]))
-        table.append((OWN, seconds, areas[0], agree(areas, found[TIGHT]), aim))
-    made = pd.DataFrame(table, columns=["code", "seconds", "total", "agrees", "setting"])
-    return made.assign(law=law, points_a_side=scene.surface.shape[0])
-
-
-def timed(allowed: float, solver: Pressure, *arguments: Any) -> tuple[float, FloatArray]:
-    """A solver's processor time (s) and its pressure; where it can, the system ends the process
-    when the solver has taken the seconds `allowed`."""
-    with contextlib.ExitStack() as afterwards:
-        with contextlib.suppress(ImportError):
-            import resource  # does not exist on Windows
-
-            before = resource.getrlimit(resource.RLIMIT_CPU)
-            limit = math.ceil(time.process_time() + allowed) + 1  # the system counts whole seconds
-            resource.setrlimit(resource.RLIMIT_CPU, (limit, before[1]))
-            afterwards.callback(resource.setrlimit, resource.RLIMIT_CPU, before)
-        started = time.process_time()
-        pressure = solver(*arguments)
-        return time.process_time() - started, pressure
+        own[aim] = solve_here(aim)
+        seconds = float(np.median([processor for _, processor in times[aim][1:]]))
+        found.append(row(OWN, aim, seconds, own[aim]))
+    return found
 
 
 def installed() -> dict[str, Pressure]:
@@ -140,12 +130,9 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
         )
     child = Child()
     for law in LAWS:
-        race(8, 4, law, solvers, child.call)  # imports and plans of transforms are not timed
-        races = []
-        for bandwidth in widths:
-            say(f"{8 * bandwidth} points a side, {law}")
-            races.append(race(8, bandwidth, law, solvers, child.call))
-        yield race_chart(pd.concat(races))
+        race(law, 4, solvers, child.call)  # imports and plans of transforms are not timed
+        on_all = partial(race, peers=solvers, call=child.call)
+        yield race_chart(rows(say, on_all, law=[law], bandwidth=widths))
     child.end()
 
 

@@ -18,7 +18,7 @@ from epcontact.output.charts.style import CYCLE, PART_COLOURS
 from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Scene
 from epcontact.studies import paper_scene as paper
-from epcontact.studies.frame import Charts, Ints, Say, listed, mean_with_interval, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, mean_with_interval, rows, study
 from epcontact.studies.paper_scene import HARDNESS, MEAN_PRESSURE, PARTS, rough_scene
 from epcontact.surfaces import filtered
 
@@ -61,7 +61,7 @@ def gamma(say: Say, points: int = 4, bandwidth: int = 128, seeds: Ints = range(7
     single gamma fits.  The elastic body is the paper's scene without hardness.
     """
 
-    def row(seed: int, law: str) -> list[dict[str, Any]]:
+    def row(seed: int, law: str) -> Rows:
         return paper.area_rows(paper.settled(rough_scene(points, seed, bandwidth, paper.LAWS[law])))
 
     table = rows(say, row, seed=seeds, law=paper.LAWS)
@@ -119,7 +119,7 @@ def magnification(
     distributed = [cut_offs[round(i)] for i in np.linspace(0, count - 1, min(count, 6))][-5:]
     densities = []
 
-    def row(seed: int, magnification: float) -> list[dict[str, Any]]:
+    def row(seed: int, magnification: float) -> Rows:
         scene = rough_scene(points, seed, bandwidth)
         surface = filtered(scene.surface, magnification * paper.LOWEST)
         result = paper.settled(replace(scene, surface=surface))
@@ -195,7 +195,7 @@ def pressures(
     """
     densities = []
 
-    def row(seed: int, points_per_wavelength: int) -> list[dict[str, Any]]:
+    def row(seed: int, points_per_wavelength: int) -> Rows:
         scene = rough_scene(points_per_wavelength, seed, bandwidth)
         result = bem.solve(scene, area_tolerance=1e-6)
         density = paper.binned(result.distribution, HARDNESS, _RELATIVE)
@@ -230,7 +230,7 @@ def pressures(
         yield Plot(x, (figure, label), series, colour="end", level=0.0), both, title
 
 
-def end_figures(result: ContactResult, points_per_wavelength: float) -> list[dict[str, Any]]:
+def end_figures(result: ContactResult, points_per_wavelength: float) -> Rows:
     """DENSITY and SLOPE of a solution on a grid, a row for each end."""
     relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
@@ -242,7 +242,7 @@ def end_figures(result: ContactResult, points_per_wavelength: float) -> list[dic
     ]
 
 
-def theory_figures(scene: Scene) -> list[dict[str, Any]]:
+def theory_figures(scene: Scene) -> Rows:
     """The theory's figures for the spectrum of the scene's surface, as `end_figures` has them."""
     final = paper.by_theory(scene).final
     G, p0 = final.quantities["diffusion"] / HARDNESS**2, scene.load.final / HARDNESS

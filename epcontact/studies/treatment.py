@@ -6,15 +6,13 @@ grid, E* is 1, the rms slope SLOPE and the hardness HARDNESS: contact depends on
 
 from __future__ import annotations
 
-import itertools
+import contextlib
 import math
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from epcontact import bem
 from epcontact.errors import NotConverged, SurfaceWarning
@@ -23,7 +21,7 @@ from epcontact.output.charts.plot import Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface, rms_slope
 from epcontact.studies.areas import named
-from epcontact.studies.frame import Charts, Ints, Say, root_mean_square, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, root_mean_square, rows, study
 from epcontact.surfaces import HeightsFromArray, SelfAffine
 from epcontact.surfaces.power_spectrum import even_moments
 from epcontact.surfaces.treatment import form_removed
@@ -33,7 +31,7 @@ HARDNESS = 0.2 * SLOPE
 #: Mean pressures over the hardness.
 LOADS = (0.01, 0.03, 0.1, 0.2, 0.4)
 STATES = {"total": (ELASTIC, PLASTIC), "elastic": (ELASTIC,), "plastic": (PLASTIC,)}
-MEASURED = ("stiffness_loading", "conductance", "contact_percolation", "gap_percolation")
+MEASURED = ("stiffness loading", "conductance", "contact percolation", "gap percolation")
 TREATMENTS = ("mirrored", "periodic")
 
 
@@ -84,12 +82,10 @@ def _solved(surface: Surface, load: float) -> tuple[Scene, ContactResult]:
 def _answers(surface: Surface, load: float) -> dict[str, float]:
     """All that a table of loads shows but areas; nan where a linear solve stalls."""
     scene, result = _solved(surface, load)
-    found = {"mean gap": result.final.quantities["mean_gap"]}
+    found = {"mean gap": result.final.quantities["mean_gap"]} | dict.fromkeys(MEASURED, math.nan)
     for name in MEASURED:
-        try:
-            found[name.replace("_", " ")] = measure(f"quantity.{name}", scene, result)
-        except NotConverged:
-            found[name.replace("_", " ")] = math.nan
+        with contextlib.suppress(NotConverged):
+            found[name] = measure(f"quantity.{name.replace(' ', '_')}", scene, result)
     return found
 
 
@@ -105,24 +101,27 @@ def _treated(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
     return surface, moments.rms_slope / moments.rms_curvature / len(heights)
 
 
-def controls(kind: str, n: int, seed: int) -> list[dict[str, Any]]:
+def controls(kind: str, points: int, seed: int) -> Rows:
     """Relative errors of answers on maps whose continuation is known: mirrored, of a whole period
     that lies tilted, and taken as it is, of a quarter of a period that is its mirror images."""
+    n, found = points, []
     whole, part = _scaled(kind, n, seed), _scaled(kind, 3 * n, seed + 100)[:n, :n]
-    tilted, rows = whole + SLOPE * (np.arange(n)[:, None] - 0.6 * np.arange(n)), []
+    tilted = whole + SLOPE * (np.arange(n)[:, None] - 0.6 * np.arange(n))
     for treatment, other, heights in zip(TREATMENTS, TREATMENTS[::-1], (tilted, part), strict=True):
         (surface, length), (exact, _) = (_treated(heights, way) for way in (treatment, other))
         for load in LOADS:
-            truth, found = _answers(exact, load), _answers(surface, load)
-            for name, value in found.items():
-                row = {"quantity": name, "treatment": treatment, "load": load, "length": length}
-                rows.append(row | {"error": value / truth[name] - 1 if truth[name] else math.nan})
-    return [{"kind": kind, "seed": seed} | row for row in rows]
+            row = {"treatment": treatment, "load": load, "length": length}
+            truth = _answers(exact, load)
+            for name, value in _answers(surface, load).items():
+                error = value / truth[name] - 1 if truth[name] else math.nan
+                found.append(row | {"quantity": name, "error": error})
+    return found
 
 
-def crops(kind: str, n: int, seed: int, tiles: int) -> list[dict[str, Any]]:
+def crops(kind: str, points: int, seed: int, tiles: int) -> Rows:
     """Errors of raw areas, over the total, of crops under the load that each carries there."""
-    whole, rows = _scaled(kind, n * tiles, seed), []
+    n, found = points, []
+    whole = _scaled(kind, n * tiles, seed)
     for load in LOADS:
         fields = _solved(Surface(whole, (float(n * tiles),) * 2), load)[1].fields
         for corner in range(tiles):  # one in each row and column
@@ -133,11 +132,12 @@ def crops(kind: str, n: int, seed: int, tiles: int) -> list[dict[str, Any]]:
             truth = {part: np.isin(state, of).mean() for part, of in STATES.items()}
             for treatment in TREATMENTS:
                 surface, length = _treated(whole[there], treatment)
+                row = {"treatment": treatment, "load": load, "length": length}
                 last = _solved(surface, carried / HARDNESS)[1].final
                 for part, area in vars(last.areas["raw"]).items():
-                    row = {"part": part, "treatment": treatment, "load": load, "length": length}
-                    rows.append(row | {"error": (area - truth[part]) / truth["total"]})
-    return [{"kind": kind, "points": n, "seed": seed} | row for row in rows]
+                    error = (area - truth[part]) / truth["total"]
+                    found.append(row | {"quantity": f"{part} area", "error": error})
+    return found
 
 
 @study("treatment", points=(96, 192), seeds=(2, 3), tiles=5)
@@ -154,25 +154,21 @@ def treatment(
     in brackets (of areas, over the total one), or the second times rms slope over rms curvature
     over the map's side.
     """
-    found, whole = list[dict[str, Any]](), list[dict[str, Any]]()
+    axes = {"kind": kinds, "seed": seeds, "points": points}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SurfaceWarning)
-        for kind, seed, n in itertools.product(kinds, seeds, points):
-            say(f"{kind}, seed {seed}, {n} points")
-            found += crops(kind, n, seed, tiles)
-            whole += controls(kind, n, seed)
+        found = {
+            "Crops": rows(say, crops, **axes, tiles=[tiles]),
+            "Controls": rows(say, controls, **axes),
+        }
     x = ("load", "mean pressure / hardness (–)")
-    plot = partial(Plot, x, series=("treatment",), log="xy", ticks=LOADS)
-    both = {"Crops": ("part", " area", found), "Controls": ("quantity", "", whole)}
-    for title, (by, end, rows) in both.items():
-        for name, group in pd.DataFrame(rows).dropna().groupby(by, sort=False):
-            one = group.assign(
-                size=group["error"].abs(), ratio=group["error"].abs() / group["length"]
-            )
+    for title, table in found.items():
+        table["size"] = table["error"].abs()
+        table["ratio"] = table["size"] / table["length"]
+        for name, one in table.dropna().groupby("quantity", sort=False):
             told = one.groupby("treatment", sort=False)[["size", "ratio"]].quantile(0.9)
-            claims = ", ".join(
-                f"{t} ({r['size']:.2g}, {r['ratio']:.2g})" for t, r in told.iterrows()
-            )
-            y = ("error", f"rms relative error of {name}{end} (–)")
-            table = root_mean_square(one, "error", ["treatment", "load"])
-            yield plot(y), table, f"{title}: {name}{end}, {claims}"
+            claims = listed(told.reset_index(), "{treatment} ({size:.2g}, {ratio:.2g})")
+            y = ("error", f"rms relative error of {name} (–)")
+            means = root_mean_square(one, "error", ["treatment", "load"])
+            plot = Plot(x, y, ("treatment",), log="xy", ticks=LOADS)
+            yield plot, means, f"{title}: {name}, {claims}"
