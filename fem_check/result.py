@@ -157,21 +157,21 @@ def areas(
     """The raw and corrected areas and their error, as the module's docstring defines them."""
     touching, plastic, elastic = states != APART, states == PLASTIC, states == ELASTIC
     total, flowing = float(touching.mean()), float(plastic.mean())
-    rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if states.shape[1] == 1 else math.pi / 4)
-    rim /= states.size
+    line = states.shape[1] == 1
+    rim = (0.25 + 0.21 * poisson_ratio) * (1.0 if line else math.pi / 4) / states.size
     ends, fronts = count_switches(touching), count_switches(plastic)
     outer, inner = rim * ends, rim * fronts
     # Each pair of an open and a capped node is a switch of both fronts.
     direct = (outer + inner - rim * count_switches(elastic)) / 2 if capped else 0.0
     right_total = max(0.0, total - (outer - direct))
-    right_plastic = min(right_total, flowing + inner - direct)
-    if not capped:
+    if capped:
+        right_plastic = min(right_total, flowing + inner - direct)
+    else:
         right_plastic = flowing * (right_total / total if total else 1.0)
         inner = flowing - right_plastic
     corrected = Areas(right_total, max(right_total - right_plastic, 0.0), right_plastic)
-    roundings = 12 if states.shape[1] == 1 else 24
     outer, inner = (
-        math.hypot(part / 4, 2 * math.sqrt(count / roundings) / states.size)
+        math.hypot(part / 4, 2 * math.sqrt(count / (12 if line else 24)) / states.size)
         for part, count in ((min(total, outer), ends), (inner, fronts))
     )
     return Areas(total, total - flowing, flowing), corrected, Areas(outer, outer + inner, inner)
