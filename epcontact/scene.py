@@ -340,10 +340,8 @@ def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") ->
     low, high = float(heights.min()), float(heights.max())  # without a temporary array
     if not (math.isfinite(low) and math.isfinite(high)):
         infinite, absent = (int(np.count_nonzero(f(heights))) for f in (np.isinf, np.isnan))
-        _require(
-            not infinite,
-            f"{where}: {infinite} of {heights.size} heights are infinite; mark missing ones by NaN",
-        )
+        found = f"{infinite} of {heights.size} heights are infinite"
+        _require(not infinite, f"{where}: {found}; mark missing ones by NaN")
         told = f"{where}: {absent} of {heights.size} heights are NaN or masked"
         _require(absent < heights.size, told)
         fill = 'crop them, or let them be filled: set missing to "harmonic" or "nearest"'
@@ -351,10 +349,8 @@ def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") ->
         low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
     span, largest = high - low, max(abs(low), abs(high))
     _require(largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit")
-    _require(
-        span == 0 or span >= SMALLEST,
-        f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit",
-    )
+    few = f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit"
+    _require(span == 0 or span >= SMALLEST, few)
 
 
 # --- doubts about heights ------------------------------------------------------------------------
@@ -375,14 +371,16 @@ def _doubts(surface: Surface) -> list[str]:
     """Return a sentence for each sign that a surface is not what its maker means."""
     slope = surface.spectrum.rms_slope if surface.spectrum is not None else surface.rms_slope
     step = _coarse_step(surface.heights, change := slope * min(surface.spacing))
-    whose = "for the smooth surface that was rounded, but not for its steps"
-    if step > change / 20:  # below it the smooth surface is within its claims (`area_bank`)
+    whose = "for these steps, but not for a smooth surface that was rounded"
+    if step < 1.1 * change:
         whose = "neither for them nor for a smooth surface: smooth the heights or refine the grid"
+    if step <= change / 20:  # where the smooth surface is within its claims (`area_bank`)
+        whose = "for the smooth surface that was rounded, but not for its steps"
     ratio = max(surface.spacing) / min(surface.spacing)
     signs = {
         f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
         "that heights and periods are in m": slope > 1,
-        f"the heights are in steps of {step:.3g} m at most points, as a map of few bits is: "
+        f"the heights are in steps of {step:.3g} m, as a map of few bits is: "
         f"claimed errors of areas hold {whose}": step > 0,
         f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
         "claimed errors hold up to 2; take points at like distances in both directions": (
@@ -393,19 +391,20 @@ def _doubts(surface: Surface) -> list[str]:
 
 
 def _coarse_step(heights: FloatArray, change: float) -> float:
-    """Return the step of heights that are its multiples and bend at most points, or 0; change: the
-    rms change from point to point, below a hundredth of which steps are within the claims of areas.
-    A corner of the grid shows it."""
+    """Return the step of heights that are its multiples and bend at most points or wherever they
+    change, or 0; change: the rms change from point to point, below a hundredth of which steps are
+    within the claims of areas.  A corner of the grid shows it."""
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
     if levels.size < 3 or corner.size < 16 or (step := np.diff(levels).min()) < change / 100:
         return 0.0
     multiples = (levels - levels[0]) / step
-    bends = [np.diff(corner, 2, axis) for axis in range(corner.ndim)]
     uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
-    bent = [np.abs(a - np.median(a)) > step / 2 for a in bends if a.size]  # a parabola's are alike
-    smooth = np.mean([axis.mean() for axis in bent]) < 1 / 4
-    return 0.0 if uneven or smooth else float(step)
+    axes = [axis for axis, n in enumerate(corner.shape) if n > 2]
+    rises, bends = ([np.diff(corner, order, axis) for axis in axes] for order in (1, 2))
+    bends = [found - np.median(found) for found in bends]  # a parabola's are alike
+    steep, bent = (np.mean([np.mean(abs(a) > step / 2) for a in b]) for b in (rises, bends))
+    return 0.0 if uneven or bent < min(steep, 1 / 4) else float(step)
 
 
 def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:

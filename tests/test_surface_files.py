@@ -421,7 +421,7 @@ def test_slopes_beyond_one_are_said_once():
         (np.round(8 * HILLS).astype(np.float32) * np.float32(0.1), (1e3, 1e3), {STEPS}),
         (np.round(8 * HILLS[3]), (1e3,), {STEPS}),
         # Treads that are wide, and slopes that rise by one step from each point to the next.
-        (np.round(np.sin(X / 10)[:, None] + np.sin(X / 10)), (1e3, 1e3), set()),
+        (np.round(np.sin(X / 10)[:, None] + np.sin(X / 10)), (1e3, 1e3), {STEPS, "for these"}),
         (-np.maximum(np.abs(X)[:, None], np.abs(X)), (1e3, 1e3), set()),
         (np.where(HILLS > 1.9, -9999.0, HILLS), (1e3, 1e3), {MARKED}),
         (np.where(HILLS > 1.9, -9999.0, 0.0), (1e3, 1e3), set()),  # a post is no mark
