@@ -117,7 +117,7 @@ def test_surfaces_are_as_read(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def test_closed_forms_maps_and_laws_are_as_read(tmp_path):
-    lines = [hardness_map.formula_text()]
+    lines, refused = [hardness_map.formula_text()], {}
     for name, recipe in SHAPES.items():
         surface = recipe.build()
         for kind, body in BODIES.items():
@@ -128,7 +128,9 @@ def test_closed_forms_maps_and_laws_are_as_read(tmp_path):
                 for form in (f for f in CLOSED_FORMS.values() if known.get(f, True)):
                     for q in form.quantities:
                         told_of = answer_of(form, q, scene)
-                        if not q.endswith(".corrected") and "this scene is not" not in told_of:
+                        if "this scene is not" in told_of:
+                            refused[told_of] = 0
+                        elif not q.endswith(".corrected"):
                             lines.append(f"{name}{kind} {path} of {cap}: {form.name} {q} {told_of}")
     metal = {"yield_stress": 1e9, "young_modulus": 210e9, "poisson_ratio": 0.31}
     for load, slope, breadth in ((0.4, 0.03, None), (0.25, 0.1, 3), (0.01, 0.2, 50), (1.2, 0.3, 8)):
@@ -142,7 +144,7 @@ def test_closed_forms_maps_and_laws_are_as_read(tmp_path):
                                   breadth=breadth, **joint)  # fmt: skip
         lines += str(found).splitlines()
     lines += [f"punch: {told(strip_punch(2, mean_dilatation=m) / STRIP_LIMIT)}" for m in (1, 0)]
-    same_as_read(short(lines), "forms.txt", tmp_path)
+    same_as_read(short([*lines, *refused]), "forms.txt", tmp_path)
 
 
 def test_the_theory_is_as_read(tmp_path):

@@ -182,12 +182,8 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
 @pytest.mark.parametrize(
     ("form", "quantity", "scene"),
     [
-        ("westergaard", "quantity.elastic_energy", wave(1.5)),
         ("hertz", "quantity.mean_gap", BUMP),
         ("capped_strip", "area.plastic.raw", punch(100, 1.1e8)),
-        ("light_load", "area.total.raw", wave(1e-4)),
-        ("light_load", "area.total.raw", rough(0.08 * 0.02 * STIFFNESS)),
-        ("full_contact", "area.total.raw", wave(1.5, hardness=1.6 * wave(1).load.final)),
         ("flat_punch", "quantity.conductance", elastic(FlatPunch((L, L), (9, 9), 4e-4, 1e-6), 1e8)),
         ("flat", "quantity.approach", Scene(Surface(np.zeros(16), (1e-3,)), ELASTIC, Load(1e8))),
         ("flat", "quantity.elastic_energy", replace(wave(1.5), body=Body("bonded_layer", 1e-3))),
