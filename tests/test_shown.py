@@ -99,7 +99,7 @@ def ran(tmp_path_factory):
             ("sweep", home / "swept.toml", *out, "--fields", "first", "--charts"),
             ("report", home),
             ("view", steps / "step-0001.vti", "--screenshot", home / "x.png"),
-            ("view", folder / "bem.json", "--map", home / "against"),
+            ("view", steps / "path.pvd", "--map", home / "against"),
             ("view", folder / "bem.json", "--against", folder / "fem-seed5.vti", "--screenshot",
              home / "x.png"),
         )  # fmt: skip

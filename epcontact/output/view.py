@@ -37,8 +37,8 @@ def screenshot(
     """Draw a result file to a PNG.
 
     A surface (.vti) is shown as the deformed topography in contact, elastic yellow and plastic
-    black, beside its pressure; a line (.vti) as its profile and pressure; a block (.vtu, or the
-    last of a .pvd) cut open, with von Mises stress beside plastic strain.  `factor` stretches the
+    black, beside its pressure; a line (.vti) as its profile and pressure; a block (.vtu) cut open,
+    with von Mises stress beside plastic strain.  `factor` stretches the
     heights or displacements, by default so that they show, and the picture states it.
     """
     source = find_result(result)
@@ -79,10 +79,8 @@ def animate(
     """Draw load steps, of one .pvd or a file each, as a film of one camera and one scale.  The film
     is a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4."""
     _require_ending(film, "a film", ".gif", ".mp4")
-    sources = [find_result(path) for path in results]
-    if len(sources) == 1 and sources[0].suffix == ".pvd":
-        sources = load_steps(sources[0])
-    if not sources or len({s.suffix for s in sources}) != 1 or sources[0].suffix == ".pvd":
+    sources = [step for path in results for step in _steps(path)]
+    if len({source.suffix for source in sources}) != 1:
         raise OutputError("a film needs the load steps of one .pvd, or .vti or .vtu files alone")
     write = _write_gif if Path(film).suffix.lower() == ".gif" else _write_mp4
     with whole_file(film) as temporary:
@@ -90,12 +88,16 @@ def animate(
 
 
 def find_result(path: Path | str) -> Path:
-    """Return the file of fields that `path`, a file of fields or a method's .json, means."""
+    """Return the file of fields that `path` means: itself, the last of a .pvd, or a .json's."""
+    return _steps(path)[-1]
+
+
+def _steps(path: Path | str) -> list[Path]:
     given = Path(path)
     if not given.exists():
         raise OutputError(f"cannot read {path}: there is no such file")
     if given.suffix in (".vti", ".vtu", ".pvd"):
-        return given
+        return load_steps(given) if given.suffix == ".pvd" else [given]
     if given.suffix != ".json":
         raise OutputError(f"cannot show {path}: a .vti, .vtu, .pvd or a method's .json is needed")
     for end in ("pvd", "vtu", "vti"):
@@ -103,7 +105,7 @@ def find_result(path: Path | str) -> Path:
         several = sorted(given.parent.glob(f"{given.stem}-*.{end}"))
         for beside in (given.with_suffix(f".{end}"), *several):
             if beside.is_file():
-                return beside
+                return _steps(beside)
     raise OutputError(f"no fields lie beside {path}; run the case with its fields kept")
 
 
@@ -132,19 +134,18 @@ def _require_ending(path: Path | str, what: str, *endings: str) -> None:
 
 
 def _draw(sources: Sequence[Path], size: Size | None, factor: float | None) -> list[Image.Image]:
-    """Draw files, of a collection its last step; lines are drawn by matplotlib."""
-    last = [load_steps(source)[-1] if source.suffix == ".pvd" else source for source in sources]
-    lines = [source for source in last if _is_line(source)]
-    if lines and (size is None or factor is not None or lines != last):
+    """Draw files; lines are drawn by matplotlib."""
+    lines = [source for source in sources if _is_line(source)]
+    if lines and (size is None or factor is not None or lines != sources):
         how = "is drawn to a file, without a factor and in no film with surfaces"
         raise OutputError(f"{lines[0]} is a line, which {how}")
     if lines:
         from PIL import Image
 
-        return [Image.open(io.BytesIO(one.png())).convert("RGB") for one in profiles(last)]
+        return [Image.open(io.BytesIO(one.png())).convert("RGB") for one in profiles(lines)]
     from epcontact.output import drawing  # pyvista takes a second to load
 
-    return drawing.draw(last, size, factor)
+    return drawing.draw(sources, size, factor)
 
 
 def _write_gif(path: Path, frames: Sequence[Image.Image], frames_per_second: float) -> None:
