@@ -208,8 +208,12 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(write_case, tmp_pat
     case = load_case(write_case(*path, *alone))
     (judged,) = verify([case], solver="hostile:invents_its_path", output=tmp_path, jobs=1).cases
     (found,) = judged.answers["invents_its_path"].results
+    (wrong,) = verify([case], solver="hostile:errs_at_the_first_load", output=tmp_path).cases
+    failed = [{g.quantity for g in c.gates[1:] if not g.holds} for c in (judged, wrong)]
+    assert (failed[0], "quantity.measured_gap" in failed[1]) == (set(), True)
     assert "wear: the solver's word, which nothing here checks" in found.notes
     own = bem.solve(case.scene(case.recipes[0]))
+    assert found.cost["fft_pairs"] > 1.5 * own.cost["fft_pairs"]  # of the loads before, too
     for mine, step in zip(found.steps, own.steps, strict=True):
         for kind, areas in step.areas.items():
             assert vars(mine.areas[kind]) == pytest.approx(vars(areas), abs=1e-6)

@@ -19,7 +19,6 @@ from typing import Any
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
 from epcontact.harness.answers.store import ROW, Task, described
-from epcontact.harness.methods import foreign
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import QUANTITIES, measured
 from epcontact.materials.hardness_map import MappedHardness
@@ -94,10 +93,14 @@ def _walked(
         done += result.steps
         costs.append(result.cost)
     assert result is not None, "a path has a load"
-    most = ("unknowns", "peak_memory_bytes")
-    cost = {n: (max if n in most else sum)(c[n] for c in costs) for n in costs[0]}
     about = replace(result.provenance, scene=scene.digest)
-    return replace(result, steps=tuple(done), provenance=about, cost=cost)
+    return replace(result, steps=tuple(done), provenance=about, cost=_total(costs))
+
+
+def _total(costs: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the cost of several solves."""
+    most = ("unknowns", "peak_memory_bytes")
+    return {n: (max if n in most else sum)(c.get(n, 0.0) for c in costs) for n in costs[0]}
 
 
 def _part(
@@ -124,31 +127,34 @@ def _part(
         options["output"] = task.steps
     if moving is not None and method.steps:
         options["progress"] = lambda share, _: moving(share)
-    known, lowered, path = list[LoadStep](), None, scene.load.path
-    end = time.monotonic() + task.case.head.time_limit
-    each = method.source or method.requires  # whose pressures are those of a last load alone
-    for number in range(1 if each else len(path), len(path) + 1):
+    known, costs, path = tuple[LoadStep, ...](), list[dict[str, float]](), scene.load.path
+    end, lowered = time.monotonic() + task.case.head.time_limit, None
+    outside = method.source or method.requires  # whose pressures are those of a last load alone
+    for number in range(1 if outside else len(path), len(path) + 1):
         there = replace(scene, load=Load(path[:number]))
         if method.source:  # its limit is enforced from outside its process
-            mine = method.name, method.source, there, end - time.monotonic()
-            result = foreign.solve(*mine, lowered)
-            lowered = result.fields.get("plastic_displacement")
-        else:
-            result = method.solve(there, options, threads)
+            options |= {"limit": end - time.monotonic(), "before": lowered}
+        result = method.solve(there, options, threads)
         if not result.converged:
             raise NotConverged("the result says that it has not converged")
-        known = [*known, result.final] if each else [*result.steps]
-        result = replace(result, steps=tuple(known))
+        costs.append({**result.cost})
+        lowered = result.fields.get("plastic_displacement")
+        known = (*known, *result.steps[len(known) :])
+        if outside:  # no later load shows these fields
+            answered, own = Answered(there, replace(result, steps=known)), {**known[-1].quantities}
+            for name in (name for name in task.measured if ".measured_" in name):
+                own[name.removeprefix("quantity.")] = measured(name, answered)
+            known = (*known[:-1], replace(known[-1], quantities=own))
+        result = replace(result, steps=known)
         if "on_step" not in options:
             show(result)  # of its last load alone are there fields
-    cost = dict(result.cost)
     if "on_step" in options:
-        cost["seconds"] -= spent
+        costs[-1]["seconds"] -= spent
     # What the method reports at the end stands, and what was measured at each load is added to it.
     rows = [*result.steps[: len(result.steps) - len(steps)], *steps]
     both = zip(result.steps, rows, strict=True)
     joined = [replace(s, quantities={**row.quantities, **s.quantities}) for s, row in both]
-    return replace(result, steps=tuple(joined), cost=cost)
+    return replace(result, steps=tuple(joined), cost=_total(costs))
 
 
 def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:

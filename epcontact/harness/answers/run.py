@@ -285,16 +285,20 @@ def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> Conta
     answered, notes = Answered(scene, result), list(result.notes)
     values = dict(result.final.quantities)
     for name in task.measured:
-        if name in ROW and name.removeprefix("quantity.") in values:
+        short = name.removeprefix("quantity.")
+        if name in ROW and short in values:
+            continue
+        if ".measured_" in name and short in values:  # of a load each, of which the worst is judged
+            each = [step.quantities[short] for step in result.steps]
+            values[short] = max(each, key=lambda value: (math.isnan(value), value))
             continue
         try:
-            value = measured(name, answered)
+            values[short] = measured(name, answered)
         except InvalidCase as error:
             if name not in task.quantities:
                 raise
-            value = math.nan
+            values[short] = math.nan
             notes.append(f"no value: {error}")
-        values[name.removeprefix("quantity.")] = value
     final = replace(result.final, quantities=values)
     return replace(result, steps=(*result.steps[:-1], final), notes=tuple(notes))
 

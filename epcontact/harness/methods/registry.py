@@ -235,8 +235,8 @@ def _calculix(scene: Scene, options: Mapping[str, Any], _: int | None) -> Contac
     return calculix.solve(scene, options)
 
 
-def _foreign(name: str, source: str, scene: Scene, *_: Any) -> ContactResult:
-    return foreign.solve(name, source, scene)
+def _foreign(name: str, source: str, scene: Scene, options: Any, *_: Any) -> ContactResult:
+    return foreign.solve(name, source, scene, **options)
 
 
 def _warm_up(solve: Solve, points: int, **options: Any) -> None:
