@@ -28,10 +28,11 @@ FloatArray = NDArray[np.float64]
 APART, ELASTIC, PLASTIC = 0, 1, 2
 
 #: What a table of loads shows, with its unit: corrected areas over the nominal area, what follows
-#: from the fields of a load, and the hardness that the load was solved with.
+#: from the fields of a load, and the hardness that the load was solved with.  A flowed area is
+#: contact that has flowed at some load, which is all that J2 knows where a load has fallen.
 COLUMNS: Mapping[str, str] = {
     "mean_pressure": "Pa", "total_area": "", "elastic_area": "", "plastic_area": "",
-    "mean_gap": "m", "stiffness_loading": "Pa/m", "stiffness_unloading": "Pa/m",
+    "flowed_area": "", "mean_gap": "m", "stiffness_loading": "Pa/m", "stiffness_unloading": "Pa/m",
     "conductance": "1/m", "thermal_conductance": "W/(m2 K)", "electrical_conductance": "S/m2",
     "contact_percolation": "", "gap_percolation": "", "hardness": "Pa",
 }  # fmt: skip

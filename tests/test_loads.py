@@ -16,7 +16,7 @@ import epcontact
 import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.answers.run import Run, run_cases
-from epcontact.harness.answers.store import Answer
+from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.interface import interface_stiffness, patches, percolation_share
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -124,6 +124,11 @@ def test_finite_elements_have_all_figures_of_every_load(write_case, tmp_path):
         stiffness = interface_stiffness(there, alone, "unloading").corrected
         assert step.row["stiffness_unloading"] == pytest.approx(stiffness, rel=1e-6)
         assert {"conductance", "contact_percolation", "gap_percolation"} <= step.row.keys()
+    metal = replace(scene.material, hardness=np.inf, yield_stress=2e9)  # what has flowed, then
+    eased = replace(scene, material=metal, load=Load((5e8, 2e8, 5e8)))
+    rows = load_rows([fem_check.solve(eased, law="j2", layers=6, certified=False)])
+    assert ["flowed_area" in row for row in rows] == [False, True, False]
+    assert ["plastic_area" in row for row in rows] == [True, False, True]
 
 
 @pytest.mark.parametrize(

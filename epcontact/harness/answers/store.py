@@ -260,9 +260,11 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
 def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return a row a load: its branch, and means, errors at 95 % and their parts by sources,
     None where none is known."""
-    rows = []
+    rows, j2 = [], results[0].provenance.options.get("law") == "j2"
     for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
         each = [{n: step.quantities.get(n, math.nan) for n in more} | step.row for step in steps]
+        if j2 and branch != "loading":
+            each = [{n.replace("plastic", "flowed"): v for n, v in one.items()} for one in each]
         row: dict[str, Any] = {"branch": branch}
         for name in (*COLUMNS, *more):
             found = estimate([one.get(name, math.nan) for one in each])
