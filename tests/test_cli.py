@@ -235,7 +235,7 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
     answers, gate = outcome.answers, outcome.gates[0]
-    for width in (60, 80, 200):
+    for width in (40, 60, 80, 200):
         console = Console(width=width)
         console.print(verdict_table([outcome], console.width))
         console.print(answers_table(answers, width))
@@ -245,6 +245,7 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
         assert f"{100 * gate.difference.mean:+.2f} %" in shown
         assert "+11.11110 %" in shown  # with the digits that tell the ends apart
         assert "+11.11112 %" in shown
+        assert "area.total.corrected" in shown
         assert f"{answers['bem'].results[0].final.areas['corrected'].plastic:.4g}" in shown
         assert shown.count("…") == 1  # of the band; no figure is cut off
         assert shown.count("[m]") == 20
@@ -343,9 +344,10 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
             check=False, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     told = [line for line in done.stderr.splitlines() if "epcontact:" in line]
-    shut = ["sh", "-c", 'exec "$@" >&- <&-', "sh", *COMMAND, *words.split()]
-    closed = subprocess.run(shut, check=False, cwd=tmp_path, capture_output=True, text=True)
-    assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)
+    for shut in (">&- <&-", "2>/dev/full"):
+        line = ["sh", "-c", f'exec "$@" {shut}', "sh", *COMMAND, *words.split()]
+        closed = subprocess.run(line, check=False, cwd=tmp_path, capture_output=True, text=True)
+        assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)
     assert (done.returncode, told) == (code, [says] if says else [])
 
 

@@ -16,7 +16,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import pyvista as pv
 from as_read import lasting, lines_of_chart, lines_of_file, lines_of_page, same_as_read
@@ -33,9 +32,7 @@ from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdic
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import drawing, report
 from epcontact.output.charts import maps
-from epcontact.output.charts.curves import residual_history
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import write_report
 from epcontact.output.view import load_steps
@@ -364,29 +361,6 @@ def test_a_profile_is_that_of_the_fields():
     assert drawn.get_paths()[0].vertices[:, 1].max() == 5.0
 
 
-def test_bounds_are_drawn_where_they_are():
-    """With points, ticks, guides and labels, in other units than those of the table."""
-    table = pd.DataFrame({"series": "a", "x": [1.0, 2.0], "y": [3.0, 5.0],
-                          "y_low": [2.0, 4.5], "y_high": [3.5, 7.0]})  # fmt: skip
-    plot = Plot(("x", "x (mm)"), ("y", "y (kPa)"), scale=(0.5, 4.0), ticks=(2, 3.5), level=1.5,
-                upright={"peak": 3.0}, labels={"a": "b"}, limits={"ylim": (0, 2)})  # fmt: skip
-    chart = draw_table(table, plot, "A.")
-    (axes,), rows = chart.figure.axes, table.to_numpy().tolist()
-    (bars,), (line, level, upright) = axes.collections, axes.lines
-    drawn = np.array([[[2, 0.5], [2, 0.875]], [[4, 1.125], [4, 1.75]]])
-    assert np.array_equal(bars.get_segments(), drawn)
-    one = draw_table(table.assign(y_low=[2.0, np.nan]), plot, "").figure.axes[0].collections[0]
-    assert np.array_equal(one.get_segments()[0], drawn[0])
-    assert line.get_xydata().tolist() == [[2, 0.75], [4, 1.25]]
-    assert (line.get_label(), {*level.get_ydata()}, {*upright.get_xdata()}) == ("b", {1.5}, {3.0})
-    assert [text.get_text().strip() for text in axes.texts] == ["peak"]
-    assert [text.get_text() for text in axes.get_xticklabels()] == ["2", "3.5"]
-    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_ylim()) == ("x (mm)", "y (kPa)", (0, 2))
-    assert (chart.header, chart.rows) == (("series", "x", "y", "low", "high"), [*map(tuple, rows)])
-    history = residual_history({"bem": 10.0 ** -np.arange(24), "fem": [1.0, 0.1]}).figure.axes[0]
-    assert [text.get_text() for text in history.get_xticklabels()] == [f"{3 * n}" for n in range(8)]
-
-
 # --- made-up numbers, no two alike ----------------------------------------------------------------
 
 STATUSES = ("holds", "falls short", "error")
@@ -420,10 +394,6 @@ def verdict():
     return Verdict.on(cases, "fast")
 
 
-def content():
-    return verdict().model_dump(mode="json", by_alias=True, exclude_none=True)
-
-
 def result(number):
     size = lambda i, k: (0.3 - 0.047 * i) / (1 + 0.37 * k) / 1.13**number  # noqa: E731
     areas = {kind: Areas(*(size(i, k) for k in range(3))) for i, kind in enumerate(KINDS)}
@@ -447,7 +417,7 @@ def test_a_long_path_and_missing_numbers_in_words():
 
 
 def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_path):
-    told, found = content(), defaultdict(list)
+    told, found = verdict().content, defaultdict(list)
     told["cases"][0]["gates"][0]["quantity"] = "area.total.raw"
     write_report(tmp_path / "x.html", told, {}, overview=overview(Verdict.model_validate(told)))
     page = tree_of(tmp_path / "x.html")
@@ -469,7 +439,7 @@ def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_p
 
 
 def test_nothing_a_case_says_becomes_html(tmp_path):
-    told, found = content(), {"case-0": answers()}
+    told, found = verdict().content, {"case-0": answers()}
     first = told["cases"][0]
     first["requirement"] = first["gates"][0]["because"] = HOSTILE
     first["gates"][0]["value"] = {"mean": "inf", "half_width_95": "nan", "surfaces": 1}

@@ -29,8 +29,8 @@ from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjud
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.made import commit_of
-from epcontact.harness.verdict.read_back import require_faithful, require_untouched, signed_again
-from epcontact.harness.verdict.verification import only_writer, verify, write_verdict
+from epcontact.harness.verdict.read_back import require_faithful
+from epcontact.harness.verdict.verification import only_writer, signed_again, verify, write_verdict
 from epcontact.machine import available_cores
 from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
 
@@ -229,7 +229,7 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     older = replace(bem, results=tuple(replace(r, provenance=made) for r in bem.results))
     judged = Verdict.on([judge_case(case, of_bem(bem=older))], "fast")
     write_verdict(judged, tmp_path)
-    written = Verdict.model_validate_json((tmp_path / "verdict.json").read_text())
+    written = Verdict.read(tmp_path / "verdict.json")
     assert written.model_dump(exclude={"digest"}) == judged.model_dump(exclude={"digest"})
     assert written.versions["numpy"] == f"1.0, {np.__version__}"
     (told,) = written.cases[0].gates
@@ -245,7 +245,7 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
 
 def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monkeypatch):
     """And what it judges is what another run of the same sources judges."""
-    first = Verdict.model_validate_json((written / JSON).read_text())
+    first = Verdict.read(written / JSON)
     names = ["system", "node", "release", "version", "machine"]
     monkeypatch.setattr(
         platform, "uname", lambda: namedtuple("U", names)(*map("my-{}".format, names))
@@ -403,14 +403,15 @@ JSON, BEM = "verdict.json", "small/fast/bem.json"
 def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, place, value, words):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     require_faithful(folder)
-    require_untouched(folder)
+    Verdict.read(folder / JSON)
     part = data = json.loads((folder / file).read_text())
     *path, last = (int(key) if key.isdecimal() else key for key in place.split())
     for key in path:
         part = part[key]
     part[last] = value
     (folder / file).write_text(json.dumps(data))
-    assert "was changed after" in invoke("report", folder).stderr
+    for command in (("report", folder), ("compare", folder), ("gates", "--output", folder)):
+        assert "was changed after" in invoke(*command).stderr
     with pytest.raises(OutputError, match=words):
         require_faithful(folder)
     assert not [name for name in ("verdict.json", "junit.xml") if (folder / name).exists()]
@@ -421,11 +422,11 @@ def test_a_run_beside_a_verdict_leaves_it_signed_if_its_figures_stay(written, tm
     content = (folder / BEM).read_text()
     with signed_again(folder):
         (folder / BEM).write_text(content + "\n")
-    require_untouched(folder)
+    Verdict.read(folder / JSON)
     with signed_again(folder):
         (folder / BEM).write_text(content.replace("0.1", "0.2"))
     with pytest.raises(OutputError, match="was changed after"):
-        require_untouched(folder)
+        Verdict.read(folder / JSON)
 
 
 def test_a_damaged_file_is_one_sentence(written, tmp_path):

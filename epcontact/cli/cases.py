@@ -13,18 +13,16 @@ from rich.table import Table
 
 from epcontact.cli import options, tables
 from epcontact.cli.listing import open_console
-from epcontact.cli.main import forget_output
+from epcontact.cli.main import forget_output, tell
 from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import write_text
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.verdict import verification as verifying
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
-from epcontact.harness.verdict.read_back import signed_again
-from epcontact.harness.verdict.verification import cases_to_verify, only_writer, set_verdict_aside
-from epcontact.harness.verdict.verification import verify as run_gates
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile, Mirrored
 
@@ -55,19 +53,15 @@ def run(
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     run = replace(run, fields="steps" if fields == "film" else fields or "first", rows=True)
-    with options.shown_progress(run) as shown, signed_again(run.folder):
+    with options.shown_progress(run) as shown, verifying.signed_again(run.folder):
         answers = run_cases([chosen], shown)[loaded.id]
     console = open_console()
     console.print(tables.answers_table(answers, console.width))
     tables.print_surface_notes(console, chosen, answers)
-    theories = [
-        a.results[0].notes[-1]
-        for m, a in answers.items()
-        if m == "persson" and a.results[:1] and answers.keys() - {m}
-    ]
-    for sentence in (tables.gamma_sentence(chosen), *theories, chosen.told_hardness):
-        if sentence:
-            tables.print_hanging(console, str(sentence))
+    theory = answers["persson"].results[:1] if {"persson"} < answers.keys() else ()
+    told = (tables.gamma_sentence(chosen), *(r.notes[-1] for r in theory), chosen.told_hardness)
+    for sentence in filter(None, told):
+        tables.print_hanging(console, str(sentence))
     if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
@@ -118,10 +112,10 @@ def verify(
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
-        with only_writer(output):
-            set_verdict_aside(output)
+        with verifying.only_writer(output):
+            verifying.set_verdict_aside(output)
         named = [case for name in cases for case in find_named(name)]
-        given = [_load(case, size) for case in named or cases_to_verify("fast")]
+        given = [_load(case, size) for case in named or verifying.cases_to_verify("fast")]
     run = replace(run, fields="steps" if fields == "film" else fields)
 
     def draw(verdict: Verdict) -> None:
@@ -133,15 +127,15 @@ def verify(
 
             answered = [case for case in verdict.cases if not case.skipped_because]
             notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
-            report_folder(output, overview=overview(verdict), notes=notes)
+            report_folder(output, verdict.content, overview=overview(verdict), notes=notes)
 
     judged: list[CaseVerdict] = []
 
-    def live(lines: int) -> Table:  # those that do not hold stay in sight
-        return tables.cases_table(sorted(judged, key=lambda c: c.status != "holds")[-lines:])
+    def live(lines: int, width: int) -> Table:  # those that do not hold stay in sight
+        return tables.cases_table(sorted(judged, key=lambda c: c.status != "holds")[-lines:], width)
 
     with options.shown_progress(run, live) as shown:
-        verdict = run_gates(
+        verdict = verifying.verify(
             given, shown, size=size, solver=solver, finish=draw, judged=judged.append
         )
     try:
@@ -176,20 +170,17 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
     tables.print_hanging(console, references(verdict))
-    console.print(f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
+    tables.print_hanging(console, f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
-        plural = "gates are" if left_out > 1 else "gate is"
-        console.print(f"{left_out} {plural} left out at this size; verdict.json says which and why")
+        told = f"{left_out} {'gates are' if left_out > 1 else 'gate is'} left out at this size"
+        tables.print_hanging(console, f"{told}; verdict.json says which and why")
     steps = [] if all_gates else ["--gates prints each gate"]
     if not with_report:
         steps.append(f"`epcontact report {shlex.quote(str(output))}` draws charts and a page")
     if not verdict.passed:
         steps.append("the same command solves again only what has changed")
-    told = f"next: {'; '.join(steps)}"
-    if steps and console.is_terminal:
-        tables.print_hanging(console, told)
-    elif steps:
-        console.print(told, soft_wrap=True, markup=False, highlight=False)
+    if steps:
+        tables.print_hanging(console, f"next: {'; '.join(steps)}")
     sys.stdout.flush()
 
 
@@ -199,7 +190,7 @@ def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
 
     sentences = write_pictures(case, answers, case.folder(output))
     for sentence in sentences:
-        options.tell(f"epcontact: {sentence}")
+        tell(f"epcontact: {sentence}")
     return sentences
 
 
@@ -214,7 +205,7 @@ def _draw_films(case: Case, output: Path) -> None:
             write_text(target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n")
             click.echo(f"film in {target}")
         except OutputError as error:  # many machines cannot draw; the results are whole
-            options.tell(f"epcontact: {target} is left out: {error}")
+            tell(f"epcontact: {target} is left out: {error}")
 
 
 def _load(text: CaseText, size: str) -> Case:
@@ -225,5 +216,5 @@ def _load(text: CaseText, size: str) -> Case:
 
     case, sentence = load_auto(text)
     if sentence:
-        options.tell(sentence)
+        tell(sentence)
     return case

@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from epcontact.harness.answers.pictures import draw_answers
-from epcontact.harness.verdict.compare import read_verdict
+from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
-from epcontact.harness.verdict.read_back import require_untouched
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
@@ -22,9 +21,9 @@ _file = click.Path(path_type=Path, dir_okay=False)
 @click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
 def report(folder: Path, output: Path | None) -> None:
     """Make one self-contained page of a verification run, with pictures, from its output FOLDER."""
-    require_untouched(folder)
-    found = overview(read_verdict(folder / "verdict.json"))
-    page = report_folder(folder, output, draw=draw_answers, overview=found)
+    verdict = Verdict.read(folder / "verdict.json")
+    told = overview(verdict)
+    page = report_folder(folder, verdict.content, output, draw=draw_answers, overview=told)
     click.echo(f"report in {page}")
 
 

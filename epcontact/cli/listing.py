@@ -21,8 +21,8 @@ from epcontact.harness.case_files.text import (
     read_cases,
 )
 
-#: Smallest terminal width, in columns, at which rows of long texts are a table.
-WIDE = 150
+#: Smallest terminal widths, in columns, at which rows of long texts and others are a table.
+WIDE, NARROW = 150, 75
 
 
 def open_console() -> Console:
@@ -39,6 +39,20 @@ def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
             heading, overflow="fold", justify="right" if heading in figures else "left"
         )
     return table
+
+
+def fitting(table: Table, width: int, least: int = NARROW) -> Table:
+    """Return a table, or in fewer columns than the least a line for each cell that is not empty."""
+    if width >= least:
+        return table
+    lines, names = table_of(("", "")), [column.header for column in table.columns]
+    lines.show_header = False
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        found = [pair for pair in zip(names, row, strict=True) if pair[1] != ""]
+        for name, cell in found:
+            told = getattr(cell, "renderable", cell)  # without a padding
+            lines.add_row(*(name, told)[len(found) == 1 :])  # one alone is a title
+    return lines
 
 
 @click.command()

@@ -18,6 +18,7 @@ import threading
 import traceback
 from importlib import import_module
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -91,11 +92,11 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _ended)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a job may ignore Ctrl-C
         signal.signal(signal.SIGINT, _ended)
-    for stream in (sys.stdout, sys.stderr):
+    for name in ("stdin", "stdout", "stderr"):
+        if (stream := getattr(sys, name)) is None:  # closed: no other file must get its number
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "w"))
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
-    if sys.stdout is None:  # closed: the files that are opened next must not get its number
-        sys.stdout = os.fdopen(_nothing(), "w")
     out, code, sentences = sys.stdout, 2, tuple[object, ...]()
     try:
         sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
@@ -104,7 +105,7 @@ def main() -> None:
     except EpcontactError as error:
         sentences = error.args if isinstance(error, InvalidCase) else (error,)
     except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
+        tell(error.format_message())
     except click.ClickException as error:
         context = error.ctx if isinstance(error, click.UsageError) else None
         command = context.command_path if context else "epcontact"
@@ -120,7 +121,7 @@ def main() -> None:
     except Exception as error:
         sentences = (_unexpected(error),)
     for sentence in sentences:
-        click.echo(f"epcontact: {printable(str(sentence))}", err=True)
+        tell(f"epcontact: {printable(str(sentence))}")
     sys.exit(code)
 
 
@@ -135,16 +136,18 @@ def _unexpected(error: Exception) -> str:
     return "this is a bug in epcontact; please report it"
 
 
-def forget_output() -> None:
-    """Discard further output: the pipe is closed, and exit would flush into it again."""
+def tell(sentence: str) -> None:
+    """Print a sentence on stderr; that nobody can read it there is no error."""
+    try:
+        click.echo(sentence, err=True)
+    except OSError:
+        forget_output(sys.stderr)
+
+
+def forget_output(stream: TextIO | None = None) -> None:
+    """Discard further output: it is full or a closed pipe, and exit would flush into it again."""
     with contextlib.suppress(OSError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _nothing() -> int:
-    """Open the device that keeps nothing; its number is 1 or more, so that 0 and 1 are taken."""
-    opened = os.open(os.devnull, os.O_RDWR)
-    return opened or _nothing()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def _ended(number: int, _: object) -> None:

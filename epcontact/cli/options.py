@@ -21,6 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from epcontact.cli.main import tell
 from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES
 
@@ -93,11 +94,6 @@ def of_run(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return decorate
 
 
-def tell(sentence: str) -> None:
-    """Print a sentence on stderr."""
-    click.echo(sentence, err=True)
-
-
 #: Less time than this many seconds is not worth a note.
 _SOON = 10
 
@@ -105,17 +101,19 @@ _SOON = 10
 class _Bar(Progress):
     """The bar, and above it what is known already, in so many lines."""
 
-    above: Callable[[int], RenderableType] | None = None
+    above: Callable[[int, int], RenderableType] | None = None
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield what a terminal shows."""
         if self.above is not None:
-            yield self.above(self.console.height // 2)
+            yield self.above(self.console.height // 2, self.console.width)
         yield self.make_tasks_table(self.tasks)
 
 
 @contextlib.contextmanager
-def shown_progress(run: Run, above: Callable[[int], RenderableType] | None = None) -> Iterator[Run]:
+def shown_progress(
+    run: Run, above: Callable[[int, int], RenderableType] | None = None
+) -> Iterator[Run]:
     """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a solve."""
     console = Console(stderr=True)
     terminal = console.is_terminal

@@ -15,7 +15,8 @@ import pandas as pd
 
 from epcontact import planning
 from epcontact.cli.listing import open_console
-from epcontact.cli.options import of_run, own_size, shown_progress, tell
+from epcontact.cli.main import tell
+from epcontact.cli.options import of_run, own_size, shown_progress
 from epcontact.cli.tables import loads_table
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.answers.run import Run

@@ -15,7 +15,6 @@ from epcontact.harness.case_files.case import find_case, find_cases, find_named,
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.compare import read_verdict
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import margin_text
 from epcontact.results import plain
@@ -71,10 +70,9 @@ def gates(cases: tuple[str, ...], output: Path) -> None:
 
 
 def _margins(file: Path) -> dict[tuple[str, str, str], str]:
-    verdict = read_verdict(file) if file.exists() else None
     return {
         (case.id, case.size, gate.name): margin_text(gate)
-        for case in (verdict.cases if verdict else ())
+        for case in (Verdict.read(file).cases if file.exists() else ())
         for gate in case.gates
         if gate.difference is not None
     }

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from epcontact.cli.listing import table_of
-from epcontact.cli.options import folder, tell
+from epcontact.cli.main import tell
+from epcontact.cli.options import folder
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as maps_of_methods

@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from epcontact.cli.listing import WIDE, table_of
+from epcontact.cli.listing import WIDE, fitting, table_of
 from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
@@ -31,16 +31,11 @@ def loads_table(
     shown = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
     titles, *cells = load_cells(rows, {**shown, **units})
     titles = [of, *titles, "surfaces"]
-    table = (
-        table_of(titles[:2], titles[2:]) if width >= WIDE else Table(box=None, show_header=False)
-    )
+    table = table_of(titles[:2], titles[2:])
     for (name, said), texts in zip(names, cells, strict=True):
-        line = (name, *texts, said)
-        if width >= WIDE:
-            table.add_row(*(text.replace(", ", "\n").replace(" ±", "\n±") for text in line))
-        for title, text in zip(titles, line, strict=True) if width < WIDE else ():
-            table.add_row(title, text)
-    return table
+        line, wide = (name, *texts, said), width >= WIDE
+        table.add_row(*(x.replace(", ", "\n").replace(" ±", "\n±") if wide else x for x in line))
+    return fitting(table, width, WIDE)
 
 
 def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
@@ -50,7 +45,7 @@ def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
     return loads_table(rows, "method", width)
 
 
-def cases_table(cases: Sequence[CaseVerdict], width: int = 0) -> Table:
+def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
     """Tabulate the cases, one in each row, each with the gate that is nearest to its band's end, or
     that could not be judged; in WIDE columns with what it requires, as far as there is room."""
     table = table_of(("case", "verdict"), ("gates", "margin"))
@@ -63,7 +58,7 @@ def cases_table(cases: Sequence[CaseVerdict], width: int = 0) -> Table:
             row += [margin_text(gate), Text(f"{gate.quantity} of {gate.of}")]
         row += [""] * (5 - len(row)) + [Text(case.requirement)] * (width >= WIDE)
         table.add_row(*row)
-    return table
+    return fitting(table, width)
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
@@ -86,7 +81,7 @@ def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
                 quantity, of, against, _, _, *judged = row
                 gate_of = Padding(f"{quantity} of {of} against {against}", (0, 0, 0, 2))
                 table.add_row(gate_of, *judged)
-    return table
+    return fitting(table, width)
 
 
 def _styled(status: str) -> str:
@@ -142,12 +137,12 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     """Print why a case was skipped, the gates that do not hold, and each error once."""
     first = {gate.error or gate.name: gate for gate in reversed(case.gates)}
     failed = [g for g in case.gates if not g.holds and first[g.error or g.name] is g]
-    skipped = [case.skipped_because] if case.skipped_because else []
-    for sentence in (*skipped, *failed, *case.unread_errors):
+    for sentence in filter(None, (case.skipped_because, *failed, *case.unread_errors)):
         print_hanging(console, f"{case.id}: {sentence}")
 
 
 def print_hanging(console: Console, sentence: str) -> None:
-    """Print a sentence in lines of whole words, the further ones indented."""
-    for number, line in enumerate(Text(sentence).wrap(console, console.width - 2)):
+    """Print a sentence, on a terminal in lines of whole words of which the further are indented."""
+    width = console.width - 2 if console.is_terminal else 2 * len(sentence)
+    for number, line in enumerate(Text(sentence).wrap(console, width)):
         console.print(Text("  " * bool(number)) + line, soft_wrap=True)

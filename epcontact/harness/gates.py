@@ -224,18 +224,15 @@ class GateVerdict(Record):
         default=None,
         description="claimed error of the limits in the difference, which widens its interval",
     )
+    half_width: Number = Field(
+        default=0.0, description="half the interval that must be in the band: scatter and claim"
+    )
     error: str | None = Field(default=None, description="why the gate could not be judged")
 
     @property
     def holds(self) -> bool:
         """True if the gate was judged and held."""
         return self.status == HOLDS
-
-    @property
-    def half_width(self) -> float:
-        """Half the width of the interval that must be within the band."""
-        scatter = 0.0 if self.difference is None else self.difference.half_width
-        return math.hypot(scatter, self.grid_error or 0.0)
 
     @property
     def margin(self) -> float:
@@ -308,9 +305,9 @@ def deviation(norm: str, value: float, reference: float) -> float:
 def _judged(
     gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
 ) -> GateVerdict:
-    figures: Any = {"value": a, "reference": b, "difference": difference, "grid_error": grid_error}
-    verdict = GateVerdict(**vars(gate), name=gate.name, status=HOLDS, **figures)
-    low, high = difference.mean - verdict.half_width, difference.mean + verdict.half_width
+    half = math.hypot(difference.half_width, grid_error or 0.0)
     # NaN compares false, so a difference that is NaN never holds.
-    holds = gate.low <= low and high <= gate.high
-    return verdict if holds else verdict.model_copy(update={"status": FALLS_SHORT})
+    holds = gate.low <= difference.mean - half and difference.mean + half <= gate.high
+    figures: Any = {"value": a, "reference": b, "difference": difference, "grid_error": grid_error}
+    figures |= vars(gate) | {"status": HOLDS if holds else FALLS_SHORT, "half_width": half}
+    return GateVerdict(name=gate.name, **figures)

@@ -65,9 +65,8 @@ def read_sweep(
     text = case if isinstance(case, CaseText) else find_case(case)
     swept = load_case(text, size).sweep
     if swept is None:
-        raise InvalidCase(
-            f"{text.where}: has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
-        )
+        told = "has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
+        raise InvalidCase(f"{text.where}: {told}")
     sweep = Sweep([], [], swept.quantities)
     for point in swept.points():
         seeds = {} if swept.seeds is None else {"surface.seeds": swept.seeds}
@@ -76,10 +75,8 @@ def read_sweep(
         sweep.tasks.extend(found)
         sweep.points.extend([point] * len(found))
         if len(sweep.tasks) > MOST_TASKS:
-            raise InvalidCase(
-                f"{text.where}: [sweep] {swept.size} points with their surfaces and methods are "
-                f"more than {MOST_TASKS} tasks"
-            )
+            told = f"[sweep] {swept.size} points with their surfaces and methods"
+            raise InvalidCase(f"{text.where}: {told} are more than {MOST_TASKS} tasks")
     return sweep
 
 
@@ -92,9 +89,8 @@ def _tasks_at(
     for quantity in quantities:
         if not any(_answers(METHODS[method], quantity) for method in case.methods):
             known = "" if quantity in QUANTITIES else nearest(quantity, QUANTITIES)
-            raise InvalidCase(
-                f"{case.path}: [sweep] no method of the case answers {quantity!r}{known}"
-            )
+            told = f"[sweep] no method of the case answers {quantity!r}{known}"
+            raise InvalidCase(f"{case.path}: {told}")
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
     values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
     for task in tasks_of(case, replace(run, rows=asked is None)):

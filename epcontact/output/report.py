@@ -34,20 +34,19 @@ _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif
 
 def report_folder(
     folder: Path | str,
+    verdict: Data,
     path: Path | str | None = None,
     *,
     overview: Data,
     draw: Draw | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
-    """Make the page of an output folder, and return its path.  The page shows every picture in a
-    case's folder that has a caption (.txt) beside it.  `draw` draws some there first, from the
-    results.  `overview` sums the verdict up, see `harness.verdict.overview`, and `notes` are
-    sentences for the top.  Raises OutputError if a file cannot be read or written."""
+    """Make the page of a verdict (the content of verdict.json) in its folder, and return its path.
+    The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
+    draws some there first, from the results.  `overview` sums the verdict up, see
+    `harness.verdict.overview`, and `notes` are sentences for the top.  Raises OutputError."""
     home = Path(folder)
-    verdict = _read_json(home / "verdict.json")
-    results: dict[str, dict[str, Data]] = {}
-    pictures: dict[str, list[dict[str, str]]] = {}
+    results, pictures = dict[str, dict[str, Data]](), dict[str, list[dict[str, str]]]()
     sentences = list(notes)
     for case in verdict["cases"]:
         here = home / case["id"] / case["size"]

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import ValidationError
 
 from epcontact.errors import InvalidCase
-from epcontact.files import read_bytes, whole_file
+from epcontact.files import whole_file
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 
 #: The figures of the release; `epcontact compare NEW --keep FILE` writes such a table.
@@ -55,20 +54,12 @@ class Comparison:
         return int(self.beyond > 0 or bool(self.told[FELL]))
 
 
-def read_verdict(file: Path) -> Verdict:
-    """Read a verdict.json.  Raises InvalidCase or OutputError if it cannot be read as one."""
-    try:
-        return Verdict.model_validate_json(read_bytes(file))
-    except ValidationError:
-        raise InvalidCase(f"{file}: is no verdict; run `epcontact verify` again") from None
-
-
 def read_figures(path: Path) -> pd.DataFrame:
     """Read a verdict.json, the folder that holds it, or a kept table: a row for each gate, each
     answer of a method that is only a reference, and each count of work."""
     if path.suffix != ".csv":
         file = path / "verdict.json" if path.is_dir() else path
-        rows = [row for case in read_verdict(file).cases for row in _rows(case)]
+        rows = [row for case in Verdict.read(file).cases for row in _rows(case)]
         return pd.DataFrame(rows, columns=_COLUMNS)
     try:
         found = pd.read_csv(path, dtype=dict.fromkeys((*ROW, "scene", "status"), str))

@@ -61,9 +61,8 @@ def subject_of(case: Case, gate: Gate) -> str:
         return _MODEL
     if len(laws) == 1:
         sides = [gate.of]
-    return " – ".join(
-        _NAMES.get(name, name) for name in sorted(sides, key=lambda s: s != "persson")
-    )
+    sides.sort(key=lambda name: name != "persson")
+    return " – ".join(_NAMES.get(name, name) for name in sides)
 
 
 def _foreign(name: str) -> bool:

@@ -9,16 +9,20 @@ Version 1 of the schema may gain keys; no key is renamed, removed or given anoth
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from statistics import fmean
 from typing import Any, Literal
 
 from pydantic import Field, PrivateAttr
 
-from epcontact.errors import EpcontactError, InvalidCase, sentence_of
+from epcontact.errors import EpcontactError, InvalidCase, OutputError, sentence_of
+from epcontact.files import read_bytes
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.case_files.text import case_name
@@ -40,6 +44,7 @@ from epcontact.harness.gates import (
 from epcontact.harness.quantities.registry import claim_of, read_quantity, scalar_quantities
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.made import Made
+from epcontact.harness.verdict.read_back import digest_of
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -111,6 +116,22 @@ class Verdict(Record):
     made: Made | None = Field(default=None, description="when, where and by which sources")
     cases: list[CaseVerdict]
     digest: str = Field(default="", description="SHA-256 of the verdict and of its answers")
+
+    @classmethod
+    def read(cls, file: Path) -> Verdict:
+        """Read a verdict.json.  Raises OutputError unless this and its answers are as written."""
+        content = read_bytes(file)
+        with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, RecursionError):
+            found = json.loads(content)
+            if found["digest"] == digest_of(found, file.parent):
+                return cls.model_validate(found)
+        why = "it or an answer beside it was changed after verify wrote them, or by another version"
+        raise OutputError(f"cannot read {file}: {why}; run verify again")
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """What verdict.json holds."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     @classmethod
     def on(cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None) -> Verdict:

@@ -3,13 +3,11 @@
 `require_faithful` reads verdict.json and the answers of the methods as a user's script would: every
 gate is judged again from the figures beside its status, every case and the whole from their gates,
 every value, difference and interval from the members of the answers.  It shares no code with what
-judged the gates and wrote the files.  Their digest is in the verdict: `require_untouched` compares
-it before anything is shown of them later.
+judged the gates and wrote the files.  `Verdict.read` compares their digest, in the verdict, later.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import math
@@ -21,7 +19,7 @@ from typing import Any
 from pydantic_core import to_json
 
 from epcontact.errors import OutputError
-from epcontact.files import read_bytes, write_json
+from epcontact.files import read_bytes
 
 Data = Mapping[str, Any]  # the content of a JSON file
 
@@ -32,11 +30,7 @@ FILES = ("verdict.json", "junit.xml", "report.html")
 
 def require_faithful(folder: Path) -> None:
     """Raise OutputError, and remove the verdict, if the files of a folder contradict each other."""
-    try:
-        wrong = list(_contradictions(folder))
-    except (KeyError, TypeError, ValueError) as error:
-        wrong = [f"a part is missing or no number ({error!r})"]
-    if wrong:
+    if wrong := contradictions(json.loads(read_bytes(folder / "verdict.json")), folder):
         withdraw(folder)
         said = f"what was written in {folder} contradicts itself, so the verdict is withdrawn"
         raise OutputError(f"{said}: {'; '.join(wrong[:3])}")
@@ -58,35 +52,15 @@ def digest_of(verdict: Data, folder: Path) -> str:
     return found.hexdigest()
 
 
-def require_untouched(folder: Path) -> None:
-    """Raise OutputError if a verdict or its answers are not those that `verify` wrote together."""
-    content, same = read_bytes(folder / "verdict.json"), False
-    with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, RecursionError):
-        verdict = json.loads(content)
-        same = verdict["digest"] == digest_of(verdict, folder)
-    if not same:
-        raise OutputError(
-            f"cannot show {folder / 'verdict.json'}: it or an answer beside it was changed after "
-            "verify wrote them; run verify again"
-        )
+def contradictions(verdict: Data, folder: Path) -> list[str]:
+    """Return what of a verdict contradicts itself or the answers in its folder."""
+    try:
+        return list(_contradictions(verdict, folder))
+    except (KeyError, TypeError, ValueError) as error:
+        return [f"a part is missing or no number ({error!r})"]
 
 
-@contextlib.contextmanager
-def signed_again(folder: Path) -> Iterator[None]:
-    """Sign the verdict of a folder for the answers that are written meanwhile, if it was signed for
-    those before and its figures are those of the new ones."""
-    signed = False
-    with contextlib.suppress(OutputError):
-        require_untouched(folder)
-        signed = True
-    yield
-    if signed and not [*_contradictions(folder)]:
-        verdict = json.loads(read_bytes(folder / "verdict.json"))
-        write_json(folder / "verdict.json", verdict | {"digest": digest_of(verdict, folder)})
-
-
-def _contradictions(folder: Path) -> Iterator[str]:
-    verdict = json.loads(read_bytes(folder / "verdict.json"))
+def _contradictions(verdict: Data, folder: Path) -> Iterator[str]:
     for case in verdict["cases"]:
         wrong, here, answers = [*_case_errors(case)], folder / case["id"] / case["size"], {}
         for name, method in case["methods"].items():

@@ -30,9 +30,9 @@ from epcontact.harness.case_files.case import (
 )
 from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
+from epcontact.harness.verdict import read_back
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
 from epcontact.harness.verdict.made import Made
-from epcontact.harness.verdict.read_back import FILES, digest_of, require_faithful, withdraw
 from epcontact.scene import listed
 
 try:
@@ -97,14 +97,14 @@ def verify(
                 done(case, answers[case.id])
         verdict = Verdict.on([found[case.id] for case in loaded], size, made)
         write_verdict(verdict, run.folder)
-        require_faithful(run.folder)
-        for name in FILES:  # there is a new verdict
+        read_back.require_faithful(run.folder)
+        for name in read_back.FILES:  # there is a new verdict
             with contextlib.suppress(OSError):
                 (run.folder / f"{EARLIER}{name}").unlink()
         try:
             finish(verdict)
         except BaseException:  # the caller ends in an error, and the verdict would not say so
-            withdraw(run.folder)
+            read_back.withdraw(run.folder)
             raise
     return verdict
 
@@ -119,10 +119,8 @@ def _with_solver(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[s
         methods[stand_in.name] = stand_in
         loaded = [_in_place(case, stand_in.name) for case in loaded]
         if not any(stand_in.name in case.methods for case in loaded):
-            raise InvalidCase(
-                f"--solver {solver} would judge nothing: it takes the place of {REPLACED}, which "
-                "none of the cases names"
-            )
+            why = f"it takes the place of {REPLACED}, which none of the cases names"
+            raise InvalidCase(f"--solver {solver} would judge nothing: {why}")
     return loaded, methods
 
 
@@ -207,7 +205,7 @@ def only_writer(folder: Path) -> Iterator[None]:
 def set_verdict_aside(folder: Path) -> None:
     """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.  It
     stays, with `EARLIER` before its name, until there is a new one."""
-    for path in (folder / name for name in FILES):
+    for path in (folder / name for name in read_back.FILES):
         if path.is_file():  # what else has that name is refused when the file is written
             try:
                 path.replace(path.with_name(f"{EARLIER}{path.name}"))
@@ -217,8 +215,8 @@ def set_verdict_aside(folder: Path) -> None:
 
 def write_verdict(verdict: Verdict, folder: Path) -> None:
     """Write verdict.json and junit.xml into `folder`, whole or not at all."""
-    content = verdict.model_dump(mode="json", by_alias=True, exclude_none=True)
-    write_json(folder / "verdict.json", content | {"digest": digest_of(content, folder)})
+    digest = {"digest": read_back.digest_of(verdict.content, folder)}
+    write_json(folder / "verdict.json", verdict.content | digest)
     xml = JUnitXml("epcontact")
     for case in verdict.cases:
         suite = _suite(case)
@@ -228,6 +226,18 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
     xml.update_statistics()  # type: ignore[no-untyped-call]
     with whole_file(folder / "junit.xml") as path:
         xml.write(str(path), pretty=True)
+
+
+@contextlib.contextmanager
+def signed_again(folder: Path) -> Iterator[None]:
+    """Sign the verdict of a folder for the answers that are written meanwhile, if it was signed for
+    those before and its figures are those of the new ones."""
+    verdict = None
+    with contextlib.suppress(OutputError):
+        verdict = Verdict.read(folder / "verdict.json")
+    yield
+    if verdict and not read_back.contradictions(verdict.content, folder):
+        write_verdict(verdict, folder)
 
 
 def _suite(case: CaseVerdict) -> TestSuite:
