@@ -74,7 +74,7 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
     figures = read_figures(runs / "right")
     figures.assign(size="full").to_csv(tmp_path / "full.csv")
     for other, words in {
-        tmp_path: "was changed after",
+        tmp_path: "was changed, moved or",
         tmp_path / "absent": "cannot read",
         tmp_path / "table.csv": "is no table that",
         tmp_path / "full.csv": "OLD has 1 of size full, NEW 1 of fast",

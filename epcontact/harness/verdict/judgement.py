@@ -125,7 +125,7 @@ class Verdict(Record):
             found = json.loads(content)
             if found["digest"] == digest_of(found, file.parent):
                 return cls.model_validate(found)
-        why = "it or an answer beside it was changed after verify wrote them, or by another version"
+        why = "it or an answer beside it was changed, moved or written by another version"
         raise OutputError(f"cannot read {file}: {why}; run verify again")
 
     @property
