@@ -21,10 +21,9 @@ from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.output.charts.plot import Plot
 from epcontact.results import Areas, FloatArray
-from epcontact.scene import Body, Material, SelfAffineSpectrum
+from epcontact.scene import Body, Material
 from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
-from epcontact.studies.paper_scene import PARTS
-from epcontact.surfaces import SelfAffine
+from epcontact.studies.paper_scene import PARTS, self_affine
 
 #: The reference has so many points for each point of the coarse grid along a direction.
 FINER = 8
@@ -43,10 +42,8 @@ def named(*makers: Any) -> dict[str, Maker]:
 
 def roughness(patch: Member, rng: Random, low: float, high: float) -> Any:
     """Self-affine roughness of rms slope 1; its Hurst exponent is drawn between two numbers."""
-    wave, hurst = 2 * math.pi, rng.uniform(low, high)
-    spectrum = SelfAffineSpectrum(hurst, wave, 2 * wave, patch.high * wave, 1.0)
-    seed = int(rng.integers(1 << 31))
-    return SelfAffine(spectrum, (1.0, 1.0), patch.shape, seed).build().heights
+    hurst, seed = rng.uniform(low, high), int(rng.integers(1 << 31))
+    return self_affine(2 * math.pi, patch.shape, seed, patch.high, roll_off=2, hurst=hurst).heights
 
 
 def _worn(patch: Member, rng: Random) -> Any:

@@ -21,9 +21,9 @@ from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import DIFFERENCE_MAP
 from epcontact.reference import conductance as laws
 from epcontact.results import APART
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
+from epcontact.scene import Load, Material, Scene
 from epcontact.studies.frame import Charts, Ints, Say, mean_with_interval, rows, study
-from epcontact.surfaces import SelfAffine
+from epcontact.studies.paper_scene import self_affine
 
 HARDNESSES, LOADS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0), (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
 POINTS = 4  # of the grid per shortest wave
@@ -37,9 +37,8 @@ def joint_scene(
     breadth: float, hurst: float, hardness: float, load: float, seed: int, waves: int
 ) -> Scene:
     """A joint of E* = xi = 1 and the period 1, on which so many waves of the roll-off fit."""
-    high, q = round(breadth * waves), 2 * math.pi
-    spectrum = SelfAffineSpectrum(hurst, q, waves * q, high * q, 1.0)
-    surface = SelfAffine(spectrum, (1.0, 1.0), (POINTS * high,) * 2, seed).build()
+    high = round(breadth * waves)
+    surface = self_affine(2 * math.pi, (POINTS * high,) * 2, seed, high, waves, hurst)
     return Scene(surface, Material(1.0, 0.0, hardness), Load(load * hardness))
 
 

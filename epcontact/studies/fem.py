@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 
 import pandas as pd
 
@@ -17,13 +16,13 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body
 from epcontact.studies.cost import pair_times
-from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, root_mean_square, rows, study
+from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
 from epcontact.studies.hardness import PERIOD, model_scene
 from epcontact.studies.paper_scene import area_of
 from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
-REFERENCE = "uncertainty of the reference"
+ERROR, REFERENCE = "relative_error", "uncertainty of the reference"
 #: Series of which the legend tells the order.
 _ORDERS = ("mean dilatation", "full integration", "raw", "corrected", "mean gap")
 #: A J2 body of E* xi/sigma_Y = 5 and nu = 0.3, by its seed, nodes a side and waves in a period.
@@ -57,25 +56,35 @@ def fem(
     layers) of such bodies with eight nodes to the shortest wave, in 4 steps, and their seeds.
     """
 
-    def errors(x: tuple[str, str], label: str, series: str, ticks: Sequence[float]) -> Plot:
-        y, styles = ("relative_error", label), {REFERENCE: "curve"}
-        return Plot(x, y, (series,), styles, log="xy", ticks=ticks, orders=_ORDERS)
+    def errors(
+        x: tuple[str, str], label: str, ticks: Sequence[float], series: str = "series"
+    ) -> Plot:
+        styles = {REFERENCE: "curve"}
+        return Plot(x, (ERROR, label), (series,), styles, log="xy", ticks=ticks, orders=_ORDERS)
 
     table = rows(say, punch_error, formulation=_ORDERS[:2], elements=elements)
     x = ("elements", "elements to the half-width of the punch (–)")
-    plot = errors(x, "relative error of the limit load (–)", "formulation", elements)
+    plot = errors(x, "relative error of the limit load (–)", elements, "formulation")
     yield plot, table, "Limit load by bricks with mean dilatation, and with all strain integrated"
+    axes = {"seed": sample[1], "waves": [sample[0]]}
+    known = rows(say, answer, **axes, nodes_per_wavelength=nodes)
     x = ("nodes_per_wavelength", "nodes per shortest wavelength (–)")
-    plot = errors(x, "relative error of the contact area (–)", "kind", nodes[:-1])
-    yield plot, mesh_errors(say, nodes, *sample), "Contact area against the mesh"
+    table = errors_of(known, x[0], {"raw": "corrected", "corrected": "corrected"})
+    finest = known[known[x[0]] == nodes[-1]]
+    claim = math.sqrt(((finest["claim"] / finest["corrected"]) ** 2).mean())
+    claims = pd.DataFrame({x[0]: nodes[:-1], "series": REFERENCE, ERROR: claim})
+    plot = errors(x, "relative error of the contact area (–)", nodes[:-1])
+    yield plot, pd.concat([table, claims]), "Contact area against the mesh"
     table = rows(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
     table["series"] = table["waves"].map("waves in a period: {}".format)
     x = ("depth_over_period", "depth over the period (–)")
-    plot = errors(x, "compliance over half-space's, less 1 (–)", "series", DEPTHS)
+    plot = errors(x, "compliance over half-space's, less 1 (–)", DEPTHS)
     yield plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
-    table = step_errors(say, steps, *sample)
-    plot = errors(("load_steps", "load steps (–)"), "relative error (–)", "quantity", steps[:-1])
-    counts = listed(table[table["quantity"] == "mean gap"], "{load_steps}: {cg_iterations:.0f}")
+    known = rows(say, answer, **axes, load_steps=steps).rename(columns={"raw": "contact area"})
+    x = ("load_steps", "load steps (–)")
+    table = errors_of(known, x[0], {name: name for name in ("contact area", "mean gap")})
+    plot = errors(x, "relative error (–)", steps[:-1])
+    counts = listed(table[table["series"] == "mean gap"], "{load_steps}: {cg_iterations:.0f}")
     yield plot, table, f"Raw contact area and mean gap by steps. CG iterations of paths: {counts}"
     costs = path_costs(say, *paths)
     x, y = ("nodes", "nodes a side (–)"), ("iterations", "iterations of the load path (–)")
@@ -92,25 +101,30 @@ def punch_error(formulation: str, elements: int) -> dict[str, float]:
         found = strip_punch(elements, mean_dilatation=formulation == "mean dilatation")[-1]
     except NotConverged:
         found = math.nan
-    return {"relative_error": abs(found / STRIP_LIMIT - 1)}
+    return {ERROR: abs(found / STRIP_LIMIT - 1)}
 
 
-def mesh_errors(say: Say, nodes: Ints, waves: int, seeds: Ints) -> pd.DataFrame:
-    """Errors of the J2 body's contact area against the corrected one on the finest mesh, and what
-    that claims, rms over the surfaces."""
+def answer(
+    seed: int, waves: int, nodes_per_wavelength: int = 6, load_steps: int = 10
+) -> dict[str, float]:
+    """The contact areas of the J2 body, its mean gap, and the CG iterations of its path."""
+    result = _solved(_body(seed, nodes_per_wavelength * waves, waves), steps=load_steps)
+    areas = {"raw": "raw", "corrected": "corrected", "claim": "error"}
+    return {name: area_of(result, "total", kind) for name, kind in areas.items()} | {
+        "mean gap": result.final.quantities["mean_gap"],
+        "cg_iterations": result.cost["cg_iterations"],
+    }
 
-    def row(seed: int) -> Rows:
-        results = [_solved(_body(seed, n * waves, waves)) for n in nodes]
-        exact, found = area_of(results[-1], "total"), []
-        claim = {REFERENCE: area_of(results[-1], "total", "error") / exact}
-        for n, result in zip(nodes[:-1], results, strict=False):
-            errors = {k: area_of(result, "total", k) / exact - 1 for k in _ORDERS[2:4]}
-            for kind, error in (errors | claim).items():
-                found.append({"kind": kind, "nodes_per_wavelength": n, "relative_error": error})
-        return found
 
-    by = ["kind", "nodes_per_wavelength"]
-    return root_mean_square(rows(say, row, seed=seeds), "relative_error", by)
+def errors_of(known: pd.DataFrame, setting: str, references: Mapping[str, str]) -> pd.DataFrame:
+    """The relative errors of columns, rms over the surfaces, at all but the last setting, at which
+    each has a column for its reference; and the means of the CG iterations."""
+    last = known.groupby("seed").transform("last")
+    off = known.assign(**{name: known[name] / last[of] - 1 for name, of in references.items()})
+    table = off[known[setting] != last[setting]].melt(
+        ["seed", setting, "cg_iterations"], [*references], "series", ERROR
+    )
+    return root_mean_square(table, ERROR, ["series", setting])
 
 
 def depth_error(waves: int, depth_over_period: float, points: int = 64) -> dict[str, float]:
@@ -119,29 +133,7 @@ def depth_error(waves: int, depth_over_period: float, points: int = 64) -> dict[
     scene = replace(_body(7, points), body=layer)
     compliance = fem_check.surface_compliance(scene)[0, waves]
     exact = 2 / (effective_modulus(scene.material) * 2 * math.pi / PERIOD * waves)
-    return {"relative_error": abs(float(compliance) / exact - 1)}
-
-
-def step_errors(say: Say, steps: Ints, waves: int, seeds: Ints) -> pd.DataFrame:
-    """Errors of the J2 body's raw contact area and mean gap against those with the most load
-    increments, rms over the surfaces, and the mean of the CG iterations."""
-
-    def row(seed: int) -> Rows:
-        scene, found = _body(seed, 6 * waves, waves), []
-        results = [_solved(scene, steps=count) for count in steps]
-        values = {
-            "contact area": [area_of(result, "total", "raw") for result in results],
-            "mean gap": [result.final.quantities["mean_gap"] for result in results],
-        }
-        for (quantity, value), i in product(values.items(), range(len(steps) - 1)):
-            told = {"relative_error": value[i] / value[-1] - 1} | {
-                "cg_iterations": results[i].cost["cg_iterations"]
-            }
-            found.append({"quantity": quantity, "load_steps": steps[i]} | told)
-        return found
-
-    by = ["quantity", "load_steps"]
-    return root_mean_square(rows(say, row, seed=seeds), "relative_error", by)
+    return {ERROR: abs(float(compliance) / exact - 1)}
 
 
 def path_costs(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> pd.DataFrame:

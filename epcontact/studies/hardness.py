@@ -25,10 +25,9 @@ from epcontact.harness.quantities.model_difference import (
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.materials import hardness_map as kept
 from epcontact.output.charts.plot import Plot
-from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
+from epcontact.scene import Body, Load, Material, Scene
 from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
-from epcontact.studies.paper_scene import GAMMA, area_of
-from epcontact.surfaces import SelfAffine
+from epcontact.studies.paper_scene import GAMMA, area_of, self_affine
 from fem_check.result import contact_result
 
 PERIOD, SLOPE, YOUNG = 1e-3, 0.05, 210e9  # m, -, Pa
@@ -51,15 +50,12 @@ def model_scene(
 ) -> Scene:
     """A scene at E* xi/sigma_Y = `severity` with nodes x nodes points and so many shortest waves in
     a period."""
-    q = 2 * math.pi / PERIOD
-    spectrum = SelfAffineSpectrum(hurst, q, q, waves * q, SLOPE)
-    yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
-    return Scene(
-        SelfAffine(spectrum, (PERIOD,) * 2, (nodes,) * 2, seed).build(),
-        Material(YOUNG, nu, TABOR * yield_stress, yield_stress),
-        Load(TABOR * yield_stress / 12),
-        Body("bonded_layer", PERIOD),
+    surface = self_affine(
+        2 * math.pi / PERIOD, (nodes, nodes), seed, waves, hurst=hurst, slope=SLOPE
     )
+    yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
+    material = Material(YOUNG, nu, TABOR * yield_stress, yield_stress)
+    return Scene(surface, material, Load(TABOR * yield_stress / 12), Body("bonded_layer", PERIOD))
 
 
 @study("hardness", surfaces=16, nodes=48)

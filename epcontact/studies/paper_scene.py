@@ -19,7 +19,7 @@ import pandas as pd
 from epcontact import bem, persson
 from epcontact.output.charts.curves import pressure_density
 from epcontact.results import ContactResult, PressureDistribution
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
 LOWEST = 2.5e4  # rad/m
@@ -38,18 +38,27 @@ by_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
 theory_of = partial(persson.Theory.of_scene, energy_reduction=GAMMA, spectrum="surface")
 
 
-def rough_spectrum(bandwidth: int = 256) -> SelfAffineSpectrum:
-    """The paper's spectrum, with a band of another width."""
-    return SelfAffineSpectrum(0.8, LOWEST, 4 * LOWEST, bandwidth * LOWEST, 1.0)
+def self_affine(
+    q: float,
+    shape: tuple[int, ...],
+    seed: int,
+    shortest: float,
+    roll_off: float = 1.0,
+    hurst: float = 0.8,
+    slope: float = 1.0,
+) -> Surface:
+    """Self-affine roughness of the lowest wave number q, whose period has so many of its shortest
+    waves, and of its roll-off."""
+    spectrum = SelfAffineSpectrum(hurst, q, roll_off * q, shortest * q, slope)
+    return SelfAffine(spectrum, (2 * math.pi / q,) * len(shape), shape, seed).build()
 
 
 def rough_scene(
     points_per_wavelength: float, seed: int, bandwidth: int = 256, hardness: float = HARDNESS
 ) -> Scene:
     """A square period of the paper's roughness with so many points per shortest wavelength."""
-    spectrum = rough_spectrum(bandwidth)
-    periods, points = (2 * math.pi / LOWEST,) * 2, round(points_per_wavelength * bandwidth)
-    surface = SelfAffine(spectrum, periods, (points, points), seed).build()
+    shape = (round(points_per_wavelength * bandwidth),) * 2
+    surface = self_affine(LOWEST, shape, seed, bandwidth, roll_off=4)
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
 
 

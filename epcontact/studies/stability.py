@@ -15,7 +15,7 @@ balance as scikit-fem's assembly finds it (fem).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,9 @@ from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import stability_map
 from epcontact.results import ContactResult, package_versions
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.studies.frame import Say, rows
-from epcontact.surfaces import SelfAffine
+from epcontact.studies.paper_scene import self_affine
 
 #: Largest allowed violation of the contact conditions, measured by the harness, of a solve that
 #: claims 1e-8, and relative error of an area up to which a sum of the theory has converged.
@@ -82,17 +82,19 @@ def stability(
 ) -> pd.DataFrame:
     """Sweep the named maps (none: all) at a size: coarse (seconds) or full (minutes).
 
-    `methods` are those of the boundary elements.  Returns a row for each solve: map, method, x, y
-    (the groups of the map's axes), converged, effort (transform pairs, terms or Newton steps),
-    residual (dimensionless, of the examination) and the reason of a failure.  Raises InvalidCase
-    for a map or size that is not known.
+    `methods` are those of the boundary elements.  Returns a row for each solve: map, method, x, y,
+    converged, effort, residual (of the examination) and the reason of a failure.  Raises
+    InvalidCase for a map or size that is not known.
     """
     if unknown := [name for name in maps if name not in MAPS]:
         raise InvalidCase(f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}")
     if size not in SIZES:
         raise InvalidCase(f"size is {size!r}, but must be {' or '.join(SIZES)}")
     grid, tables = SIZES[size], []
-    surface, block = rough_surface(grid["points"]), rough_surface(grid["fem_points"])
+    surface, block = (  # at least four points per shortest wave
+        self_affine(2e3 * math.pi, shape, 1, max(4, min(shape) // 4), roll_off=2, slope=0.1)
+        for shape in (grid["points"], grid["fem_points"])
+    )
     capped = partial(_boundary_elements, surface, grid["baseline_steps"]), methods
     panels = [f"nu = {nu:g}" for nu in grid["poisson_ratios"]]
     solvers: dict[str, tuple[Callable[..., Any], Sequence[str]]] = {
@@ -124,14 +126,6 @@ def _solved(
 
 def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
     return {"converged": not reason, "effort": effort, "residual": residual, "reason": reason}
-
-
-def rough_surface(shape: tuple[int, ...]) -> Surface:
-    """Self-affine roughness of slope 0.1 with at least four points per shortest wave."""
-    period, waves = 1e-3, max(4, min(shape) // 4)
-    q0 = 2 * math.pi / period
-    spectrum = SelfAffineSpectrum(0.8, q0, 2 * q0, waves * q0, 0.1)
-    return SelfAffine(spectrum, (period,) * len(shape), shape, seed=1).build()
 
 
 def _boundary_elements(surface: Surface, most_steps: int, method: str, x: float, y: float) -> Any:
@@ -207,32 +201,35 @@ def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
 
 def chart(table: pd.DataFrame, size: str) -> Chart:
     """The chart of the points of one map."""
-    name, (x, y) = table["map"].iloc[0], (sorted(table[axis].unique()) for axis in "xy")
+    *labels, count = MAPS[table["map"].iloc[0]]
     shown = table.assign(effort=table["effort"].where(table["converged"]))
     panels = {
-        method: group.pivot(index="x", columns="y", values="effort").reindex(index=x, columns=y)
+        method: group.pivot(index="x", columns="y", values="effort")
         for method, group in shown.groupby("method", sort=False)
     }
-    *_, count = MAPS[name]
-    failed = int((~table["converged"]).sum())
     caption = (
         f"The {count} that each method takes.  Crosses: it did not converge, or violates "
-        f"a condition of contact; {failed} of {len(table)} failed ({size} map)."
+        f"a condition of contact; {_failed(table)} of {len(table)} failed ({size} map)."
     )
-    return stability_map(panels, x, y, labels=MAPS[name][:2], count=count, caption=caption)
+    x, y = (sorted(table[axis].unique()) for axis in "xy")
+    return stability_map(panels, x, y, labels=(labels[0], labels[1]), count=count, caption=caption)
 
 
 def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
     """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt."""
     paths = [Path(folder) / "stability.json"]
-    content: Mapping[str, Any] = {
+    content = {
         "schema": "epcontact-stability-1",
         "size": size,
         "versions": package_versions(),
-        "failures": int((~table["converged"]).sum()),
+        "failures": _failed(table),
         "points": table.to_dict("records"),
     }
     write_json(paths[0], content)
     for name, points in table.groupby("map", sort=False):
         paths += chart(points, size).save(paths[0].with_name(f"stability-{name}"))
     return tuple(paths)
+
+
+def _failed(table: pd.DataFrame) -> int:
+    return int((~table["converged"]).sum())

@@ -19,10 +19,11 @@ from epcontact.errors import NotConverged, SurfaceWarning
 from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface, rms_slope
+from epcontact.scene import Load, Material, Scene, Surface, rms_slope
 from epcontact.studies.areas import named
 from epcontact.studies.frame import Charts, Ints, Rows, Say, listed, root_mean_square, rows, study
-from epcontact.surfaces import HeightsFromArray, SelfAffine
+from epcontact.studies.paper_scene import self_affine
+from epcontact.surfaces import HeightsFromArray
 from epcontact.surfaces.power_spectrum import even_moments
 from epcontact.surfaces.treatment import form_removed
 
@@ -37,9 +38,8 @@ TREATMENTS = ("mirrored", "periodic")
 
 def _rolled_off(n: int, seed: int, longest: float = 24.0) -> FloatArray:
     """Hurst exponent .8 and rms slope 1, from 4 points a wave to so many."""
-    low, high = 2 * math.pi / n, 2 * math.pi / 4
-    spectrum = SelfAffineSpectrum(0.8, low, max(2 * math.pi / longest, low), high, 1.0)
-    return SelfAffine(spectrum, (float(n),) * 2, (n, n), seed).build().heights
+    lowest, roll_off = 2 * math.pi / n, max(n / longest, 1.0)
+    return self_affine(lowest, (n, n), seed, n / 4, roll_off).heights
 
 
 def _self_affine(n: int, seed: int) -> FloatArray:
