@@ -36,10 +36,10 @@ QUANTITIES = {
     "area.elastic.corrected": "A_el",
     "area.plastic.corrected": "A_pl",
     "area.total.raw": "A raw",
-    **{
-        f"quantity.{name}": name.replace("_", " ")
-        for name in ("mean_gap", "stiffness_loading", "stiffness_unloading", "conductance")
-    },
+    "quantity.mean_gap": "mean gap",
+    "quantity.stiffness_loading": "stiffness loading",
+    "quantity.stiffness_unloading": "stiffness unloading",
+    "quantity.conductance": "conductance",
     "quantity.effective_hardness": "c_eff",
     "distribution": "P(σ) distance",
 }
@@ -58,17 +58,14 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
     `time` is that of a solve over the boundary elements' on 4 points a wave of the same surface.
     Raises InvalidCase or OutputError if a folder has neither a sweep nor a verdict.
     """
-    if not folders:
-        own = (pd.read_csv(KEPT), verdict_rows(read_figures(RELEASE)), _theory_rows(), _law_rows())
-        return pd.concat([each for each in own if len(each)], ignore_index=True)[_COLUMNS]
-    swept = [Path(one) for one in folders if (Path(one) / "sweep.json").is_file()]
-    judged = [Path(one) for one in folders if Path(one) not in swept]
-    found = [sweep_rows(swept)] if swept else []
-    found += [verdict_rows(read_figures(one)) for one in judged]
-    rows = pd.concat(found, ignore_index=True).reindex(columns=_COLUMNS)
-    if rows.empty:
+    found = [pd.read_csv(KEPT), verdict_rows(read_figures(RELEASE)), _theory_rows(), _law_rows()]
+    if folders:
+        swept = [Path(one) for one in folders if (Path(one) / "sweep.json").is_file()]
+        judged = [Path(one) for one in folders if Path(one) not in swept]
+        found = [sweep_rows(swept), *(verdict_rows(read_figures(one)) for one in judged)]
+    if not any(map(len, found)):
         raise InvalidCase("no quantity has two answers to the same scene there")
-    return rows
+    return pd.concat([each for each in found if len(each)], ignore_index=True)[_COLUMNS]
 
 
 def keep(rows: pd.DataFrame, path: Path) -> None:
@@ -212,24 +209,18 @@ def ledger(rows: pd.DataFrame) -> pd.DataFrame:
 
     The bias is the median of the differences, the scatter half the width of their central 68 %.
     """
-    table = rows.assign(difference=differences(rows))
-    grid = table["pair"].str.contains("continuum|same grid")
-    table["points"] = table["points"].where(grid)
-    order = {name: number for number, name in enumerate(QUANTITIES.values())}
+    order = pd.Categorical(rows["quantity"], QUANTITIES.values())
+    table = rows.assign(difference=differences(rows), quantity=order)
+    table["points"] = table["points"].where(table["pair"].str.contains("continuum|same grid"))
+    groups = table.groupby(["quantity", "pair", "points"], dropna=False, observed=True)
     found = []
-    for (quantity, pair, points), mine in table.groupby(
-        ["quantity", "pair", "points"], dropna=False, sort=False
-    ):
+    for (quantity, pair, points), mine in groups:
         low, bias, high = np.quantile(mine["difference"].dropna(), [0.16, 0.5, 0.84])
         row = {"quantity": quantity, "pair": pair, "points": points, "bias": bias}
         row |= {"scatter": (high - low) / 2, "scenes": len(mine)}
         row |= {f"{name}_{end}": mine[name].agg(end) for name in PLACE for end in ("min", "max")}
         found.append(row | {name: mine[name].median() for name in ("time", "fft_pairs")})
-    table = pd.DataFrame(found)
-    return table.sort_values(
-        ["quantity", "pair", "points"], key=lambda c: c.map(order) if c.name == "quantity" else c,
-        kind="stable",
-    )  # fmt: skip
+    return pd.DataFrame(found)
 
 
 @study("accuracy")
@@ -241,31 +232,32 @@ def accuracy(say: Say, folders: Sequence[str] = (), known: pd.DataFrame | None =
     shortest wave of the same surface, FFT pairs are in those of that grid.
     """
     rows = read_rows(folders) if known is None else known
-    rows = rows.assign(
-        error=differences(rows).abs(), work=rows["fft_pairs"] * (rows["points"] / 4) ** 2
-    )
+    work = rows["fft_pairs"] * (rows["points"] / 4) ** 2
+    rows = rows.assign(error=differences(rows).abs(), work=work)
     against = rows["pair"].str.contains("continuum|theory – BEM") & rows["time"].notna()
     areas = rows[against & rows["quantity"].isin(["A", "A raw"])].copy()
-    kind = areas["quantity"].map({"A": "corrected", "A raw": "raw"})
     method = areas["pair"].str.split(" – ").str[0]
-    areas["method"] = method.map({v: k for k, v in _METHODS.items()}).fillna(method)
+    areas["method"] = method.replace({shown: name for name, shown in _METHODS.items()})
+    kind = areas["quantity"].map({"A": "corrected", "A raw": "raw"})
     areas["kind"] = kind.where(areas["method"] != "persson", "")
     groups = areas.groupby(["method", "kind", "points"], sort=False)
-    table = groups[["time", "work"]].median()
+    table, y = (
+        groups[["time", "work"]].median(),
+        ("error", "relative error of the contact area (–)"),
+    )
     table["error"] = groups["error"].agg(lambda e: float(np.sqrt((e**2).mean())))
-    table, y = table.reset_index(), ("error", "relative error of the contact area (–)")
+    y = ("error", "relative error of the contact area (–)")
     for x, title in (
         (("time", "time of a solve, over boundary elements on 4 points a wave (–)"), "time"),
         (("work", "FFT pairs of a grid of 4 points a wave (–)"), "FFT pairs"),
     ):
+        drawn = table[table[x[0]] > 0].reset_index()
         plot = Plot(x, y, ("method", "kind"), mark="kind", log="xy", front=True)
-        if (table[x[0]] > 0).any():
-            yield plot, table[table[x[0]] > 0], f"Accuracy against {title}"
-    shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)].copy()
-    shown["ratio"], ends = (
-        shown["value"] / shown["reference"],
-        shown["reference"].agg(["min", "max"]),
-    )
+        if len(drawn):
+            yield plot, drawn, f"Accuracy against {title}"
+    shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)]
+    shown = shown.assign(ratio=shown["value"] / shown["reference"])
+    ends = shown["reference"].agg(["min", "max"])
     line = pd.DataFrame({"reference": ends, "ratio": 1.0, "ratio_low": 0.95, "ratio_high": 1.05})
     line = line.assign(pair="equal, and within 5 %", style="curve")
     x, y = ("reference", "area by the reference (–)"), ("ratio", "area predicted over it (–)")
