@@ -68,9 +68,8 @@ def ratios(table: pd.DataFrame) -> pd.DataFrame:
     table = table[table["patches"] >= FEWEST]
     at = {name: table[name].to_numpy() for name in PLACE}
     said = {name: law(at["load"], at["hardness"]) for name, law in laws.LAWS.items()}
-    said[FORMULA] = laws.fitted(at["load"], at["hardness"], at["breadth"])
     full = laws.contact_area(at["load"], at["hardness"]) > laws.FULL
-    said[FORMULA] = np.where(full, np.nan, said[FORMULA])
+    said[FORMULA] = np.where(full, np.nan, laws.fitted(at["load"], at["hardness"], at["breadth"]))
     each = [table.assign(law=name, **{RATIO: y / table["y"]}) for name, y in said.items()]
     found = pd.concat(each, ignore_index=True)
     for end, sign in (("low", -1), ("high", 1)):

@@ -46,18 +46,16 @@ def cost(
 ) -> tuple[ContactResult, dict[str, Any]]:
     """A result with its FFT pairs, the least times of several solves in those of the bare pairs
     between them, and the largest memory of the process meanwhile (bytes)."""
-    times, peak, shape = [], 0, scene.surface.shape
-    pairs = [pair_times(shape, threads)]
+    times, pairs = [], [pair_times(scene.surface.shape, threads)]
+    forget_peak()
     for _ in range(solves):
-        forget_peak()
         result, spent = timed(lambda: bem.solve(scene, threads=threads, **options))
-        peak = max(peak, peak_memory())
         times.append(spent)
-        pairs.append(pair_times(shape, threads))
-    names = ("finest_pairs", "all_pairs", "time", "processor_time", "memory")
-    counts = result.cost["fft_pairs"], result.cost["equivalent_fft_pairs"]
-    least = (np.min(times, axis=0) / np.min(pairs, axis=0)).tolist()
-    return replace(result, fields={}), dict(zip(names, (*counts, *least, peak), strict=True))
+        pairs.append(pair_times(scene.surface.shape, threads))
+    wall, processor = (np.min(times, axis=0) / np.min(pairs, axis=0)).tolist()
+    told = {"finest_pairs": result.cost["fft_pairs"], "time": wall, "processor_time": processor}
+    told |= {"all_pairs": result.cost["equivalent_fft_pairs"], "memory": peak_memory()}
+    return replace(result, fields={}), told
 
 
 def pair_times(shape: tuple[int, ...], threads: int, repeats: int = 5) -> tuple[float, float]:
@@ -105,10 +103,9 @@ def by_method(
             reached = max(error.residuals.values(), default=math.nan)
             failures[method] = f"; {method} stops at a residual of {reached:.1e}"
             return []
-        areas = ((area_of(result, p, "raw"), area_of(exact, p, "raw")) for p in PARTS)
         told = {"fft_pairs": spent["all_pairs"], "time_in_fft_pairs": spent["time"]}
         told["residual"] = max(result.final.residuals.values())
-        return [told | {"relative_error": max(abs(area / truth - 1) for area, truth in areas)}]
+        return [told | {"relative_error": area_difference(result, exact, ("raw",))}]
 
     table, failed = rows(say, row, method=methods, tolerance=tolerances), "".join(failures.values())
     work = ("fft_pairs", "FFT pairs of the finest grid, coarser ones by their points (–)")
@@ -172,8 +169,10 @@ def speed(
         yield Plot(_SIDE, (column, label), ("law", "aim"), **look), drawn, title
 
 
-def area_difference(result: ContactResult, exact: ContactResult) -> float:
-    """Largest relative difference of an area, raw or corrected, of those that are not zero."""
-    kinds = [*product(PARTS, ("raw", "corrected"))]
-    pairs = [(area_of(result, *kind), area_of(exact, *kind)) for kind in kinds]
+def area_difference(
+    result: ContactResult, exact: ContactResult, kinds: Sequence[str] = ("raw", "corrected")
+) -> float:
+    """Largest relative difference of an area of these kinds, of those that are not zero."""
+    areas = [*product(PARTS, kinds)]
+    pairs = [(area_of(result, *area), area_of(exact, *area)) for area in areas]
     return max(abs(a / b - 1) for a, b in pairs if b > 0)

@@ -97,28 +97,20 @@ def kept_map(say: Say) -> Charts:
     del say
     whole = pd.DataFrame(dict(kept.hardness_map()))
     whole = whole[(whole["area"] <= kept.FULL) & (whole["inverse_hardness"] > 0)]
-    for nu, known in whole.groupby("poisson_ratio"):
-        inverse = known["inverse_hardness"]
-        parts = ("scatter", "grid_error", "steps_error", "depth_error")
-        error = np.sqrt(sum(known[part] ** 2 for part in parts))
-        places = known[["severity", "load"]].assign(
-            series=known["severity"].map(_SEVERITY.format),
-            style="marks",
-            effective_hardness=1 / inverse,
-            effective_hardness_low=1 / (inverse * (1 + error)),
-            effective_hardness_high=1 / (inverse * np.maximum(1 - error, 0.5)),
-        )
-        formula = known[["severity", "load"]].assign(
-            series=known["severity"].map("{:g}, formula".format),
-            style="curve",
-            effective_hardness=kept.fitted_ratio(
-                *(known[axis].to_numpy() for axis in kept.SYMBOLS)
-            ),
-        )
+    inverse, (name, _) = whole["inverse_hardness"], _EFFECTIVE
+    error = np.hypot(whole["scatter"], whole["grid_error"])
+    error = np.hypot(error, np.hypot(whole["steps_error"], whole["depth_error"]))
+    bounds = {f"{name}_low": 1 / (inverse * (1 + error))}
+    bounds[f"{name}_high"] = 1 / (inverse * np.maximum(1 - error, 0.5))
+    formula = kept.fitted_ratio(*(whole[axis].to_numpy() for axis in kept.SYMBOLS))
+    places = whole.assign(**{name: 1 / inverse} | bounds, style="marks")
+    places["series"] = places["severity"].map(_SEVERITY.format)
+    curves = whole.assign(**{name: formula}, style="curve")
+    curves["series"] = curves["severity"].map("{:g}, formula".format)
+    for nu, known in pd.concat([places, curves]).groupby("poisson_ratio"):
         x, ticks = ("load", "p0 / sigma_Y (–)"), sorted(known["load"].unique())
         plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
-        title = f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}"
-        yield plot, pd.concat([places, formula]), title
+        yield plot, known, f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}"
 
 
 #: What is compared of a rough body and a rough punch, by its name in rows.

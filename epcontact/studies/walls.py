@@ -127,13 +127,13 @@ def walls(say: Say, bandwidths: Ints = (16,), seeds: Ints = range(1, 9), points:
     said = "Weaker steps: more points return through a wall"
     yield plot, flows, said + (f" (limits {reach} that tell it to 0.1)" if len(sure) else "")
     near = table[table["hardness"] == _MIDST]
-    y = ("diffusion", r"diffusion $\langle d^2 \rangle / 2 \Delta G$ (–)")
     told = f"d: a point's change of pressure; hardness {_MIDST:g}"
-    said = f"Near the walls diffusion grows as the step shrinks ({told})"
-    yield Plot(_X, y, ("step",), level=1.0), near, said
-    y = ("drift", r"drift $\langle d \rangle E^* \xi / \Delta G$ (–)")
-    said = f"Near the walls drift grows as the step shrinks ({told})"
-    yield Plot(_X, y, ("step",), level=0.0), near, said
+    for name, label, level in (
+        ("diffusion", r"diffusion $\langle d^2 \rangle / 2 \Delta G$ (–)", 1.0),
+        ("drift", r"drift $\langle d \rangle E^* \xi / \Delta G$ (–)", 0.0),
+    ):
+        said = f"Near the walls {name} grows as the step shrinks ({told})"
+        yield Plot(_X, (name, label), ("step",), level=level), near, said
     y = ("reduction", "reduction S without drift (–)")
     plot = Plot(_X, y, ("body",), level=paper.GAMMA, limits={"ylim": (0, 1.2), "xlim": (0, 1.5)})
     said = "The S that gives the distribution rises away from walls; dotted: gamma = 0.536"
