@@ -84,7 +84,7 @@ def test_files_hold_every_point(coarse, tmp_path):
 def test_the_maps_are_as_they_were_read(coarse, tmp_path):
     maps = coarse.groupby("map", sort=False)
     lines = (x for name, one in maps for x in lines_of_chart(name, chart(one, "coarse")))
-    same_as_read(lines, "stability.txt", tmp_path, numbers=False)
+    same_as_read(lines, "stability.txt", tmp_path, counted="")
 
 
 def test_unknown_map_or_size():
