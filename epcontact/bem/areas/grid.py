@@ -313,5 +313,5 @@ def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[flo
             width = 2 * crease(first, before, here, after, end)[0]
             area = max(area, width * max(1 - along, 0.0))
     rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
-    gap = max(math.pi * 1.5 * (0.5 - here / rise), 0.0)
+    gap = max(math.pi * 1.5 * (0.5 - here / rise), 0.0) if rise > 0 else 0.0  # ±0 if flat
     return (gap**2 + tip**2 if lowest else 0.0), area
