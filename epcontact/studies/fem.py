@@ -18,7 +18,7 @@ from epcontact.scene import Body
 from epcontact.studies.cost import pair_times
 from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
 from epcontact.studies.hardness import PERIOD, model_scene
-from epcontact.studies.paper_scene import area_of
+from epcontact.studies.paper_scene import area_of, flowed
 from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
 DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
@@ -27,7 +27,6 @@ ERROR, REFERENCE = "relative_error", "uncertainty of the reference"
 _ORDERS = ("mean dilatation", "full integration", "raw", "corrected", "mean gap")
 #: A J2 body of E* xi/sigma_Y = 5 and nu = 0.3, by its seed, nodes a side and waves in a period.
 _body = partial(model_scene, 5.0, 0.3)
-_solved = partial(fem_check.solve, law="j2", certified=False)
 
 
 @study(
@@ -108,7 +107,7 @@ def answer(
     seed: int, waves: int, nodes_per_wavelength: int = 6, load_steps: int = 10
 ) -> dict[str, float]:
     """The contact areas of the J2 body, its mean gap, and the CG iterations of its path."""
-    result = _solved(_body(seed, nodes_per_wavelength * waves, waves), steps=load_steps)
+    result = flowed(_body(seed, nodes_per_wavelength * waves, waves), steps=load_steps)
     areas = {"raw": "raw", "corrected": "corrected", "claim": "error"}
     return {name: area_of(result, "total", kind) for name, kind in areas.items()} | {
         "mean gap": result.final.quantities["mean_gap"],
@@ -127,10 +126,10 @@ def errors_of(known: pd.DataFrame, setting: str, references: Mapping[str, str]) 
     return root_mean_square(table, ERROR, ["series", setting])
 
 
-def depth_error(waves: int, depth_over_period: float, points: int = 64) -> dict[str, float]:
+def depth_error(waves: int, depth_over_period: float) -> dict[str, float]:
     """The block's compliance of a wave over the half-space's 2/(E* q), minus 1."""
     layer = Body("bonded_layer", depth_over_period * PERIOD)
-    scene = replace(_body(7, points), body=layer)
+    scene = replace(_body(7, 64), body=layer)
     compliance = fem_check.surface_compliance(scene)[0, waves]
     exact = 2 / (effective_modulus(scene.material) * 2 * math.pi / PERIOD * waves)
     return {ERROR: abs(float(compliance) / exact - 1)}
@@ -143,7 +142,7 @@ def path_costs(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> pd.D
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
         scene, pair = _body(seed, mesh[0], mesh[0] // 8), pair_times((2048, 2048), 1, 3)[1]
         begun = time.thread_time()  # other programs on the machine hardly disturb it
-        spent = _solved(scene, layers=mesh[1], steps=4, threads=1).cost
+        spent = flowed(scene, layers=mesh[1], steps=4, threads=1).cost
         return {
             "nodes": mesh[0],
             "conjugate gradients": spent["cg_iterations"],
@@ -151,6 +150,6 @@ def path_costs(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> pd.D
             "time_in_fft_pairs": (time.thread_time() - begun) / pair,
         }
 
-    _solved(_body(5, 16, 2), layers=8, steps=4, threads=1)  # compiled before it is timed
+    flowed(_body(5, 16, 2), layers=8, steps=4, threads=1)  # compiled before it is timed
     table = rows(say, row, mesh=meshes, seed=seeds)
     return table.groupby("nodes", sort=False).mean(numeric_only=True).reset_index()

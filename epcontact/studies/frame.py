@@ -55,8 +55,10 @@ class Study:
         parameters = list(inspect.signature(self.make).parameters.values())[1:]
         usual = {one.name: one.default for one in parameters}
         given = usual | (dict(self.full) if full else {}) | options
-        told = "; ".join(f"{k} {_shown(v)}" for k, v in given.items() if _is_told(v))
-        about = " ".join((self.make.__doc__ or "").split()) + (f" Options: {told}." if told else "")
+        kinds: Any = str | float | int | Sequence  # options of others are data
+        told = [f"{k} {_shown(v)}" for k, v in given.items() if isinstance(v, kinds) and v != ()]
+        about = " ".join((self.make.__doc__ or "").split())
+        about += f" Options: {'; '.join(told)}." if told else ""
         charts = self.make(lambda what: say(f"{self.name}: {what}"), **given)
         return [_drawn(plot, table, f"{title}. {about}") for plot, table, title in charts]
 
@@ -118,10 +120,6 @@ def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
     stems = [name] if len(charts) == 1 else [f"{name}-{i + 1}" for i in range(len(charts))]
     saved = (chart.save(folder / stem) for stem, chart in zip(stems, charts, strict=True))
     return [path for paths in saved for path in paths]
-
-
-def _is_told(value: Any) -> bool:
-    return isinstance(value, str | float | int | Sequence) and value != ()
 
 
 def _shown(value: Any) -> str:

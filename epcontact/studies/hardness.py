@@ -27,12 +27,11 @@ from epcontact.materials import hardness_map as kept
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body, Load, Material, Scene
 from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
-from epcontact.studies.paper_scene import GAMMA, area_of, self_affine
+from epcontact.studies.paper_scene import GAMMA, TABOR, area_of, flowed, self_affine
 from fem_check.result import contact_result
 
 PERIOD, SLOPE, YOUNG = 1e-3, 0.05, 210e9  # m, -, Pa
-#: Shortest waves in a period, and hardness/sigma_Y.
-WAVES, TABOR = 4, 3.0
+WAVES = 4  # the shortest ones in a period
 _EFFECTIVE = ("effective_hardness", "effective hardness c = hardness / sigma_Y (–)")
 _OVERLAP = "shared contact over the union of both (–)"
 _SEVERITY = "E* xi / sigma_Y = {:g}"
@@ -45,14 +44,10 @@ MEASURES = {
 }
 
 
-def model_scene(
-    severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES, hurst: float = 0.8
-) -> Scene:
+def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES) -> Scene:
     """A scene at E* xi/sigma_Y = `severity` with nodes x nodes points and so many shortest waves in
     a period."""
-    surface = self_affine(
-        2 * math.pi / PERIOD, (nodes, nodes), seed, waves, hurst=hurst, slope=SLOPE
-    )
+    surface = self_affine(2 * math.pi / PERIOD, (nodes, nodes), seed, waves, slope=SLOPE)
     yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
     material = Material(YOUNG, nu, TABOR * yield_stress, yield_stress)
     return Scene(surface, material, Load(TABOR * yield_stress / 12), Body("bonded_layer", PERIOD))
@@ -73,7 +68,7 @@ def hardness(
 
     def row(nu: float, severity: float, seed: int) -> dict[str, float]:
         scene = model_scene(severity, nu, seed, nodes)
-        result = fem_check.solve(scene, law="j2", certified=False)
+        result = flowed(scene)
         measures = measure_all([f"quantity.{name}" for name in MEASURES], scene, result)
         return dict(zip(MEASURES, measures.values(), strict=True))
 
@@ -159,7 +154,6 @@ def rough_body(
 
 #: Mean pressures over the yield stress.
 LOADS = (0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-J2, TABORS, MAPPED = "J2 flow", "cap at 3 sigma_Y", "cap of the map"
 THEORY = "theory, cap at 3 sigma_Y"
 
 
@@ -187,22 +181,23 @@ def raw_areas(severity: float, seed: int, nodes: int) -> Rows:
     material, sigma_Y = scene.material, scene.material.yield_stress
     path = Load(tuple(load * sigma_Y for load in LOADS))
     body = replace(scene, material=replace(material, hardness=math.inf), load=path)
-    j2 = fem_check.solve(body, law="j2", certified=False, tolerance=1e-4)
+    j2 = flowed(body, tolerance=1e-4)
     compliance = elements_compliance(scene, j2)
     for load, step in zip(LOADS, j2.steps, strict=True):
         single = replace(body, load=Load(step.mean_pressure))
-        found.append((J2, load, step.areas["raw"].total))
-        for name, cap in ((TABORS, TABOR * sigma_Y), (MAPPED, _mapped(single))):
+        areas = {"J2 flow": step.areas["raw"].total}
+        caps = {"cap at 3 sigma_Y": TABOR * sigma_Y, "cap of the map": _mapped(single)}
+        for name, cap in caps.items():
             if cap <= step.mean_pressure:
-                found.append((name, load, 1.0))
+                areas[name] = 1.0
             elif math.isfinite(cap):
-                capped = capped_body(single, cap, compliance)
-                found.append((name, load, area_of(capped, "total", "raw")))
+                areas[name] = area_of(capped_body(single, cap, compliance), "total", "raw")
         if load < TABOR:
             half_space = replace(single, material=material, body=Body())
             answer = persson.solve(half_space, energy_reduction=GAMMA)
-            found.append((THEORY, load, area_of(answer, "total", "raw")))
-    return [{"series": name, "load": load, "area": area} for name, load, area in found]
+            areas[THEORY] = area_of(answer, "total", "raw")
+        found += [{"series": name, "load": load, "area": area} for name, area in areas.items()]
+    return found
 
 
 def _mapped(scene: Scene) -> float:

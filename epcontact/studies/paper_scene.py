@@ -16,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 
+import fem_check
 from epcontact import bem, persson
 from epcontact.output.charts.curves import pressure_density
 from epcontact.results import ContactResult, PressureDistribution
@@ -26,8 +27,8 @@ LOWEST = 2.5e4  # rad/m
 MODULUS, HARDNESS, MEAN_PRESSURE = 250e9, 150e9, 12.5e9  # Pa; Poisson's ratio is 0, E* = E
 GAMMA = 0.536
 PARTS = ("total", "elastic", "plastic")
-#: Hardness over yield stress (Tabor), as in the paper.
-CONSTRAINT = 3.0
+#: Hardness over yield stress, as in the paper.
+TABOR = 3.0
 LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
 #: Intervals of densities of the pressure up to the hardness.
 BINS = 40
@@ -36,6 +37,8 @@ BINS = 40
 settled = partial(bem.solve, area_tolerance=1e-5)
 by_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
 theory_of = partial(persson.Theory.of_scene, energy_reduction=GAMMA, spectrum="surface")
+#: Finite elements of J2 flow, without the certificate, which takes time.
+flowed = partial(fem_check.solve, law="j2", certified=False)
 
 
 def self_affine(
@@ -63,8 +66,8 @@ def rough_scene(
 
 
 def yielding(scene: Scene) -> Scene:
-    """The scene of a J2 body whose yield stress is the hardness over CONSTRAINT."""
-    stress = scene.material.hardness / CONSTRAINT
+    """The scene of a J2 body whose yield stress is the hardness over TABOR."""
+    stress = scene.material.hardness / TABOR
     return replace(scene, material=replace(scene.material, hardness=math.inf, yield_stress=stress))
 
 
