@@ -36,7 +36,7 @@ LINES = {
     "epcontact.reference": 1110,
     "epcontact.results": 292,
     "epcontact.scene": 498,
-    "epcontact.studies": 2823,
+    "epcontact.studies": 2817,
     "epcontact.surfaces": 1994,
     "fem_check": 3642,
     "tests": 16433,

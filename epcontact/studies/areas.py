@@ -213,9 +213,8 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
 
 
 def judged(kind: str, seed: int, points: int) -> Rows:
-    """Solve one member of the ensemble on a grid of about `points` squared and on the fine one.
-    Each part of the area has a row: part and times, the error of the corrected area by its claimed
-    error beyond the solver's tolerance, unless neither exists."""
+    """The part and times, the error by the claim beyond the solver's tolerance, of each area of a
+    member that has either; the truth is that of the fine grid."""
     one, found = member(KINDS, kind, seed, points), []
     (_, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
     for part in PARTS if math.isfinite(one.hardness) else ("total",):

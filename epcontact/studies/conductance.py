@@ -16,7 +16,7 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.harness.interface import contact_conductance, patches
-from epcontact.output.charts.figures import Chart, new_figure, styled
+from epcontact.output.charts.figures import new_figure, styled
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import DIFFERENCE_MAP
 from epcontact.reference import conductance as laws
@@ -77,14 +77,13 @@ def ratios(table: pd.DataFrame) -> pd.DataFrame:
     return found
 
 
-def law_map(table: pd.DataFrame, caption: str) -> Chart:
+def law_map(table: pd.DataFrame) -> Any:
     """Contours of each law over the solver in the plane of hardness and load."""
-    table = table.dropna(subset=RATIO)
-    names = table["law"].unique()
+    names = table["series"].unique()
     with styled():
         figure, panels = new_figure(1.2 + 2.6 * len(names), 3.3, columns=len(names))
         for axes, name in zip(panels, names, strict=True):
-            mine = table[table["law"] == name]
+            mine = table[table["series"] == name]
             grid = mine.pivot_table(index="load", columns="hardness", values=RATIO)
             at = (grid.columns, grid.index, np.ma.masked_invalid(grid))
             filled = axes.contourf(*at, levels=_BANDS, cmap=DIFFERENCE_MAP, extend="both")
@@ -98,9 +97,7 @@ def law_map(table: pd.DataFrame, caption: str) -> Chart:
                 getattr(axes, f"{axis}axis").set_ticks([], minor=True)
         panels[0].set_ylabel("mean pressure over hardness (–)")
         figure.colorbar(filled, ax=list(panels), label="law over boundary elements (–)")
-    columns = ["law", "hardness", RATIO, f"{RATIO}_low", f"{RATIO}_high", "load"]
-    header = ["series", "hardness", RATIO, "low", "high", "load"]
-    return Chart(figure, header, table[columns].to_numpy().tolist(), caption)
+    return figure
 
 
 @study("conductance", hursts=(0.3, 0.6, 0.8, 0.9), breadths=(2, 4, 8, 16, 32), seeds=range(1, 17),
@@ -118,8 +115,10 @@ def conductance(
     """
     axes = {"hurst": hursts, "hardness": hardnesses, "seed": seeds, "waves": [waves]}
     middle = breadths[len(breadths) // 2]
-    table = means(say, breadth=[middle], **axes, load=loads)
-    yield law_map, ratios(table), f"Laws over boundary elements at a breadth of {middle:g}"
+    table = ratios(means(say, breadth=[middle], **axes, load=loads)).dropna(subset=RATIO)
+    names = {"law": "series", f"{RATIO}_low": "low", f"{RATIO}_high": "high"}
+    shown = table.rename(columns=names)[["series", "hardness", RATIO, "low", "high", "load"]]
+    yield law_map, shown, f"Laws over boundary elements at a breadth of {middle:g}"
     axes |= {"hardness": [min(hardnesses), max(hardnesses)]}
     table = ratios(means(say, breadth=breadths, **axes, load=[0.1]))
     table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from epcontact.errors import NotConverged
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body
-from epcontact.studies.cost import pair_times
+from epcontact.studies.cost import pair_times, timed
 from epcontact.studies.frame import Charts, Ints, Say, listed, root_mean_square, rows, study
 from epcontact.studies.hardness import PERIOD, model_scene
 from epcontact.studies.paper_scene import area_of, flowed
@@ -140,15 +139,11 @@ def path_costs(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> pd.D
     the iterations of the path by their names, and time_in_fft_pairs of 2048 x 2048 points."""
 
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
-        scene, pair = _body(seed, mesh[0], mesh[0] // 8), pair_times((2048, 2048), 1, 3)[1]
-        begun = time.thread_time()  # other programs on the machine hardly disturb it
-        spent = flowed(scene, layers=mesh[1], steps=4, threads=1).cost
-        return {
-            "nodes": mesh[0],
-            "conjugate gradients": spent["cg_iterations"],
-            "Newton": spent["newton_steps"],
-            "time_in_fft_pairs": (time.thread_time() - begun) / pair,
-        }
+        (nodes, layers), pair = mesh, pair_times((2048, 2048), 1, 3)[1]
+        scene = _body(seed, nodes, nodes // 8)
+        result, (_, spent) = timed(lambda: flowed(scene, layers=layers, steps=4, threads=1))
+        told = {"nodes": nodes, "conjugate gradients": result.cost["cg_iterations"]}
+        return told | {"Newton": result.cost["newton_steps"], "time_in_fft_pairs": spent / pair}
 
     flowed(_body(5, 16, 2), layers=8, steps=4, threads=1)  # compiled before it is timed
     table = rows(say, row, mesh=meshes, seed=seeds)

@@ -21,14 +21,15 @@ import pandas as pd
 from epcontact.harness.gates import estimate
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.style import typeset
 
 Ints = Sequence[int]
 #: Rows of a table, by the names of its columns.
 Rows = list[dict[str, Any]]
 #: Called with a sentence before each longer piece of work.
 Say = Callable[[str], None]
-#: The look of a chart, or what draws it of its rows and its caption.
-Look = Plot | Callable[[pd.DataFrame, str], Chart]
+#: The look of a chart, or what draws it of its rows.
+Look = Plot | Callable[[pd.DataFrame], Any]
 #: What a study yields, a chart each: its look, its rows and its title.
 Charts = Iterator[tuple[Look, pd.DataFrame, str]]
 
@@ -133,7 +134,8 @@ def _shown(value: Any) -> str:
 
 def _drawn(plot: Look, table: pd.DataFrame, caption: str) -> Chart:
     if not isinstance(plot, Plot):
-        return plot(table, caption)
+        rows = table.to_numpy().tolist()
+        return Chart(plot(table), list(table), rows, typeset(caption, mathtext=False))
     if "seed" in table:
         named = [*plot.series, plot.x[0], *([plot.colour] if plot.colour else [])]
         caption += f" Means of {table['seed'].nunique()} surfaces with their 95 % intervals."

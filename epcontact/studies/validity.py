@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact import persson
-from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styled
+from epcontact.output.charts.figures import logarithmic, new_figure, styled
 from epcontact.output.charts.style import DIFFERENCE_MAP, typeset
 from epcontact.persson import validity
 from epcontact.scene import SelfAffineSpectrum
@@ -60,7 +60,7 @@ def where_the_theory_holds(
     yield _drawn, table, f"Nayak's parameter {alpha:.3g}"
 
 
-def _drawn(table: pd.DataFrame, caption: str) -> Chart:
+def _drawn(table: pd.DataFrame) -> Any:
     """Six panels of the plane, in bands of colour between LEVELS."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm
@@ -97,5 +97,4 @@ def _drawn(table: pd.DataFrame, caption: str) -> Chart:
         bar.set_label("relative error of the theory (%)")
         keys = Patch(facecolor=_OUTSIDE, label="outside the map"), Patch(**_UNRESOLVED, label=_NOT)
         figure.legend(handles=keys, loc="outside lower center", ncols=2)
-    told = typeset(caption, mathtext=False)
-    return Chart(figure, tuple(table.columns), table.to_numpy().tolist(), told)
+    return figure

@@ -114,12 +114,12 @@ def walls(say: Say, bandwidths: Ints = (16,), seeds: Ints = range(1, 9), points:
     flows, table = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     ends, bodies = limits(flows), {h: f"hardness {h:g}" for h in (0.3, 0.6, 1.2)}
     sure = ends[ends["half_width"] < 0.1]["limit"]
-    flows, table = (
-        one[(one["bandwidth"] == max(bandwidths)) & (one["p0"] == _SHOWN)]
-        .assign(body=one["hardness"].map(bodies).fillna("no hardness"))
-        .sort_values(["hardness", *order], kind="stable")
-        for one, order in ((flows, []), (table, [_X[0]]))
-    )
+
+    def shown(table: pd.DataFrame) -> pd.DataFrame:
+        table = table[(table["bandwidth"] == max(bandwidths)) & (table["p0"] == _SHOWN)]
+        return table.assign(body=table["hardness"].map(bodies).fillna("no hardness"))
+
+    flows, table = shown(flows), shown(table).sort_values(["hardness", _X[0]], kind="stable")
     y = ("returned", "points that return over those that go (–)")
     look: Any = {"colour": "body", "mark": "wall", "limits": {"ylim": (0.5, 1.1)}}
     plot = Plot(_ROOT, y, ("body", "wall"), level=1.0, **look)
