@@ -77,11 +77,6 @@ def test_offsets_of_straight_fronts():
     assert lattice / (4 * math.pi**3) == pytest.approx(rim_correction.POINTS, abs=5e-5)
 
 
-def crossed(values, hardness=math.inf):
-    """(place, doubt, held, zone, kinked) of one link."""
-    return front.locate(np.tile(values, (5, 1)), 0.0, hardness, hardness)[:5]
-
-
 STEP = np.array([0.7, 1.0, 2.0, -50.0, -50.0, -50.0])
 KINK = np.array([1.0, 1.1, 1.5, -3.0, -6.0, -9.0])
 # Of a cap on a step the pressure falls towards the step, but not as the gap jumps.
@@ -90,27 +85,27 @@ CAP = np.array([0.303, 0.234, 0.054, -2.306, -2.178, -2.2])
 
 def test_what_holds_a_front():
     """Pressure falls towards a resolved rim and rises towards an edge; gaps have no jumps."""
-    place, doubt, held, hidden, kinked = crossed([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
+    place, doubt, held, hidden, kinked, _ = rim.link_of([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
     assert 0.5 < place < 1
     assert (held, hidden, kinked) == (0, 0, 0)
     assert 0 < abs(doubt) < 0.02
-    assert crossed(STEP) == crossed(CAP) == (0.5, 0, 1, 0, 0)
-    assert crossed(np.r_[-1.0, CAP[1:]])[2] == 0  # two points may be a crest
+    assert rim.link_of(STEP) == rim.link_of(CAP) == (0.5, 0, 1, 0, 0, 0)
+    assert rim.link_of(np.r_[-1.0, CAP[1:]])[2] == 0  # two points may be a crest
     for edge, width in ((STEP, (math.pi / 8) ** 2), (KINK, 3 ** (-2.5 / 0.4))):
-        assert crossed(edge, 4.0)[3] == pytest.approx(width)
+        assert rim.link_of(edge, 4.0)[3] == pytest.approx(width)
     # A front that falls on a point is in doubt as others are.
-    assert abs(crossed([-2.0, -1.0, 1e-9, -1.0, -2.0, -4.5])[1]) > 0.05
+    assert abs(rim.link_of([-2.0, -1.0, 1e-9, -1.0, -2.0, -4.5])[1]) > 0.05
     # Pressure that does not rise ever faster is smooth.
-    assert crossed([0.2, 1.0, 1.5, -3.0, -6.0, -9.0], 2.0)[2:4] == (0, 0)
+    assert rim.link_of([0.2, 1.0, 1.5, -3.0, -6.0, -9.0], 2.0)[2:4] == (0, 0)
     # Plastic points beside apart ones: at a step the gap jumps, on a steep flank it does not.
-    assert crossed([1.3, 1.2, 1.1, -9.0, -9.0, -9.0], 1.0)[:3] == (0.5, 0, 1)
-    assert crossed([9.0, 6.0, 3.0, -1.0, -4.0, -7.0], 1.0)[2:4] == (0, 0)
+    assert rim.link_of([1.3, 1.2, 1.1, -9.0, -9.0, -9.0], 1.0)[:3] == (0.5, 0, 1)
+    assert rim.link_of([9.0, 6.0, 3.0, -1.0, -4.0, -7.0], 1.0)[2:4] == (0, 0)
 
 
 @pytest.mark.parametrize(("gaps", "away"), [((3, 6, 9), 1), ((1, 4, 9), 1), ((3, 7, 11), 3 / 4)])
 def test_gaps_that_close_before_a_kink_have_a_front_there(gaps, away):
     """Those that close a spacing or more before their first point, also as a square, are held."""
-    place, _, held, _, kinked = crossed([*KINK[:3], *(-gap for gap in gaps)])
+    place, _, held, _, kinked, _ = rim.link_of([*KINK[:3], *(-gap for gap in gaps)])
     assert (held, kinked) == ((1, 0) if away == 1 else (0, 1))
     expected = 1 - away - front.KINK * 1.5 / (1.5 + gaps[0]) + front.AXIS_OFFSET
     assert place == (0.5 if held else pytest.approx(expected))

@@ -29,8 +29,8 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, locate
-from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
+from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, Link, locate
+from epcontact.bem.areas.grid import CORNER, LINK, OFFSETS, WIDTHS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -80,6 +80,13 @@ def row_period(direction, period):
     while math.gcd(rows, direction[0]) > 1:
         rows += 2
     return rows, rows / norm
+
+
+def link_of(v, hardness=math.inf):
+    """The `Link` of six values v, from inside out, where nothing has flowed before."""
+    values, found = np.append(v, (0.0, 0.0))[:, None], np.zeros(1, LINK)
+    locate(values, np.zeros(1), 1, hardness, hardness, found)
+    return Link(*found[0])
 
 
 def front_sums(direction, period, phase, load, hardness=math.inf):
@@ -249,11 +256,9 @@ def calibrate_kink(points=96, finer=32):
                 last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
                 nearby = np.arange(last - 2, last + 4) % n
                 v = p[nearby] - STIFFNESS * n * g[nearby]
-                link = locate(np.tile(v, (5, 1)), 0.0, math.inf, math.inf)
+                link = link_of(v)
                 places.append((last + link.place - (0 if link.held else AXIS_OFFSET)) / n)
-            if (
-                link.kinked and v[2] > v[1]
-            ):  # the coarse line's; not where a kink is behind the front
+            if link.kinked and v[2] > v[1]:  # the coarse line's, and no kink behind the front
                 shares.append(v[2] / (v[2] - v[3]))
                 surplus.append((places[1] - places[0]) * points + KINK * shares[-1])
     pull = np.dot(surplus, shares) / np.dot(shares, shares)

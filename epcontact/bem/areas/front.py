@@ -20,7 +20,6 @@ import math
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 
 from epcontact.bem.workers import OPTIONS, compiled
 from epcontact.results import FloatArray
@@ -30,9 +29,6 @@ AXIS_OFFSET = 0.190009285925947
 #: STIFFNESS is c in E*/dx; MIX is b, INNER is b^2/2 + d and OUTER b^2/2 - d.
 STIFFNESS = math.pi / (2 * math.e)
 MIX, INNER, OUTER = 0.5894898722360835, 0.3994549881295272, -0.05195667866061313
-#: Places of the points in the order in which the polynomial takes them, and inverse distances.
-NODES = np.array([0.0, 1.0, -1.0, 2.0, -2.0, 3.0])
-INVERSE = 1 / (NODES[:, None] - NODES + np.eye(6))
 #: Standard deviation of the place of a front of which only the link is known.
 ANYWHERE = 1 / math.sqrt(12)
 #: A step is where p - c g changes by this multiple of its changes on both sides (3 to 12 do).
@@ -89,9 +85,7 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
         centre *= math.e / 2
     lean = abs(b - d)
     k = (b + d - 2 * centre + 2.363 * lean) / 4.935
-    bend = (
-        a - 2 * b if b > d else e - 2 * d
-    ) + centre  # -k to -2 k at a kink, positive where smooth
+    bend = centre + (a - 2 * b if b > d else e - 2 * d)  # -k to -2 k at a kink, positive if smooth
     if min(b, d) < centre or bend > lean / 2.935 - k:
         return 0.0, 0.0
     half = 0.20655 * math.exp((0.841 * lean - centre) / k)
@@ -115,88 +109,108 @@ def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
 
 
 @compiled
-def locate(work: FloatArray, sunk: float, hardness: float, yielded: float) -> Link:
-    """Find the `Link` between the third of six points, which is inside, and the fourth.
+def locate(
+    values: FloatArray, sunk: FloatArray, count: int, hardness: float, yielded: float, found: Any
+) -> None:
+    """Find the `Link` between the third of six points, which is inside, and the fourth; of many.
 
-    work: (4, 6) memory that begins with v of `grid`; sunk: c w where flow has lowered the third by
-    w and the fourth never, negative where it has lowered both; yielded: the hardness of that flow.
-    Unloading has taken the same from both beside a steep edge: the place there is that of the peak.
+    values: (8, n), v of `grid` at the six points and memory; sunk: (n,), c w where flow has lowered
+    the third by w and the fourth never, negative where it has lowered both; yielded: the hardness
+    of that flow; found: (n,) records.  Unloading has taken the same from both beside a steep edge:
+    the place there is that of the peak.
     """
-    first, before, last, out, after, end = work[0]
-    slope, elastic = last + sunk - out, last < hardness
-    if sunk > 0 and EDGE * slope > yielded:
-        return Link(min((yielded + sunk) / slope, 1.0), 0.0, 0.0, 0.0, 0.0, 1 - last / yielded)
-    gap = after <= 0
-    if sunk == 0 and elastic and 0 < after < hardness:
-        half, shift = crease(before, last, out, after, end)
-        if half > 0:
-            return Link(1 - half - shift + AXIS_OFFSET, 0.0, 0.0, 0.0, 1.0, 0.0)
-    step = last - out > STEP * max(before - last, out - after) and (
-        not elastic or 0 < before < last or (first > 0 and before > 0 and gap)
-    )
-    kink = elastic and first > 0 and last - before > max(before - first, 0.0)
-    place, doubt = _root(work, hardness, gap and sunk >= 0)
-    held, away, zone = step and (place < 0.5 or not elastic), 1.0, 0.0
-    if kink and not held:  # the gap's parabola (a line without `end`) closes so far from `out`
-        bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
-        rise = out - after - bend
-        if gap and rise > 0:
-            away = min(-2 * out / (rise + math.sqrt(max(rise * rise + 4 * bend * out, 0.0))), 1.0)
-        held = away >= 1
-    if (step or kink) and elastic:  # a singular pressure, or one that rises as a logarithm
-        at_step = (math.pi / 4 * last / hardness) ** 2
-        zone = at_step if step else 3 ** ((last - hardness) / (last - before))
-    if held:
-        return Link(0.5, 0.0, 1.0, zone, 0.0, 0.0)
-    if kink:
-        place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-    return Link(min(max(place, 0.0), 1.0), doubt, 0.0, zone, 1.0 if kink or sunk > 0 else 0.0, 0.0)
+    _roots(values, sunk, count, hardness)
+    for n in range(count):
+        first, before, last, out = values[0, n], values[1, n], values[2, n], values[3, n]
+        after, end, place, lost, link = values[4, n], values[5, n], values[6, n], sunk[n], found[n]
+        slope, elastic, gap = last + lost - out, last < hardness, after <= 0
+        link.doubt = link.held = link.zone = link.kinked = link.fallen = 0.0
+        if lost > 0 and EDGE * slope > yielded:
+            link.place, link.fallen = min((yielded + lost) / slope, 1.0), 1 - last / yielded
+            continue
+        if lost == 0 and elastic and 0 < after < hardness:
+            half, shift = crease(before, last, out, after, end)
+            if half > 0:
+                link.place, link.kinked = 1 - half - shift + AXIS_OFFSET, 1.0
+                continue
+        step = last - out > STEP * max(before - last, out - after) and (
+            not elastic or 0 < before < last or (first > 0 and before > 0 and gap)
+        )
+        kink = elastic and first > 0 and last - before > max(before - first, 0.0)
+        held, away = step and (place < 0.5 or not elastic), 1.0
+        if kink and not held:  # the gap's parabola (a line without `end`) closes so far from `out`
+            bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
+            rise = out - after - bend
+            if gap and rise > 0:
+                root = math.sqrt(max(rise * rise + 4 * bend * out, 0.0))
+                away = min(-2 * out / (rise + root), 1.0)
+            held = away >= 1
+        if (step or kink) and elastic:  # a singular pressure, or one that rises as a logarithm
+            at_step = (math.pi / 4 * last / hardness) ** 2
+            link.zone = at_step if step else 3 ** ((last - hardness) / (last - before))
+        if held:
+            link.place, link.held = 0.5, 1.0
+            continue
+        if kink:
+            place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
+        link.place, link.doubt = min(max(place, 0.0), 1.0), values[7, n]
+        link.kinked = 1.0 if kink or lost > 0 else 0.0
 
 
 @inner
-def _root(work: FloatArray, hardness: float, gap: bool) -> tuple[float, float]:
-    """(place, doubt) by the polynomial.
+def _roots(values: FloatArray, sunk: FloatArray, count: int, hardness: float) -> None:
+    """Fill the memory with place and doubt of smooth fronts, by the polynomial.
 
-    It is Newton's, from the points beside the front outwards, for the pressure or, if no point is
-    in the strip, the gap.  The outermost points are left out where they would move the front more
-    than the fourth term does; if the pressure then peaks before its last point, a kink may move the
-    front inwards.  Two steps of Halley's from the line's root err less than the root, on all kinds.
+    It is q0 + x (t1 + (x - 1) (t2 + (x + 1) (t3 + (x - 2) (t4 + (x + 2) t5)))), Newton's, less the
+    factors of points that this contact and this gap do not have.  The outermost are left out where
+    they would move the front more than the fourth term does.  Two steps of Halley's from the line's
+    root err less than the root, on all kinds.  Without branches many links are found at once.
     """
-    first, before, last, out, after, end = work[0]
-    elastic = last < hardness
-    mix, inner, outer, less = (MIX, INNER, OUTER, 0.0) if elastic else (0.0, 0.0, 0.0, hardness)
-    contact = 0 < before < hardness if elastic else before >= hardness
-    deep = elastic and contact and 0 < first < hardness
-    q, terms, known = work[1], work[2], work[3]
-    q[0], known[0], q[1], known[1] = last - less, 1.0, out, 1.0
-    q[2], known[2] = before + mix * last - less, contact
-    q[3], known[3] = after - mix * out, gap
-    q[4], known[4] = first + mix * before + inner * last - less, deep
-    q[5], known[5] = end - mix * after + outer * out, deep and gap and end <= 0
-    found, doubt, limit, shift, hump = 0, 0.0, 0.0, 1.0, False
-    for k in range(6):
-        if known[k] == 0:
-            continue
-        value = q[k]
-        for m in range(k):
-            value = (value - terms[m]) * INVERSE[k, m] if known[m] else value
-        term = value * shift  # what it adds in the middle of the link
-        limit = abs(term) if found <= 3 else limit
-        if abs(term) > limit:
-            known[k], hump = 0.0, hump or (k == 4 and before > max(first, last))
-            continue
-        if found == 2 or (contact and gap):
-            doubt = term
-        terms[k], found, shift = value, found + 1, shift * (0.5 - NODES[k])
-    x, slope = q[0] / (q[0] - out), out - q[0]
-    doubt = min(max(-doubt / slope, -ANYWHERE), ANYWHERE) if found > 2 else ANYWHERE
-    doubt = -KINK if hump else doubt
-    for _ in range(2):
-        value = rate = bend = 0.0
-        for k in range(5, -1, -1):
-            if known[k]:
-                away = x - NODES[k]
-                value, rate, bend = terms[k] + away * value, value + away * rate, rate + away * bend
-        steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else slope
-        x = min(max(x - value / steep, 0.0), 1.0)
-    return x + last / (last - out) + q[0] / slope, doubt
+    for n in range(count):
+        first, before, last = values[0, n], values[1, n], values[2, n]
+        out, after, end = values[3, n], values[4, n], values[5, n]
+        elastic, gap = last < hardness, (after <= 0) & (sunk[n] >= 0)
+        mix, inside, outside = MIX * elastic, INNER * elastic, OUTER * elastic
+        less = 0.0 if elastic else hardness
+        within = (before > 0) & (before < hardness)
+        contact = within if elastic else before >= hardness
+        deep = within & elastic & (first > 0) & (first < hardness)
+        q0, t1 = last - less, out - last + less
+        t2 = (t1 + before + mix * last - less - q0) / 2 if contact else 0.0
+        t3 = ((after - mix * out - q0) / 2 - t1 - t2) / (3.0 if contact else 1.0) if gap else 0.0
+        t4 = t2 - ((first + mix * before + inside * last - less - q0) / 2 + t1) / 3
+        t4 = (t3 - t4) / 4 if gap else t4
+        t5 = ((end - mix * after + outside * out - q0) / 3 - t1) / 8 - t2 / 4 - t3
+        # What terms add in the middle of the link.
+        third = t3 * (-0.375 if contact else -0.25)
+        fourth = t4 * (0.5625 if gap else -0.375)
+        far = deep & ((abs(fourth) <= abs(third)) | (not gap))
+        t4 = t4 if far else 0.0
+        t5 = (t5 - t4) / 5 if far else t5
+        fifth = t5 * (1.40625 if far else 0.5625)
+        farther = deep & gap & (end <= 0) & (abs(fifth) <= abs(third))
+        t5 = t5 if farther else 0.0
+        known = third if gap else -t2 / 4
+        known = fourth if gap & far else known
+        known = fifth if farther else known
+        known = min(max(-known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
+        hump = deep & (not far) & (before > max(first, last))  # behind it may be a kink
+        values[7, n], x = -KINK if hump else known, -q0 / t1
+        for _ in range(2):
+            value, rate, bend = _nested(t4, x + 2, far, t5, 0.0, 0.0)
+            value, rate, bend = _nested(t3, x - 2, gap, value, rate, bend)
+            value, rate, bend = _nested(t2, x + 1, contact, value, rate, bend)
+            value, rate, bend = _nested(t1, x - 1, True, value, rate, bend)
+            value, rate, bend = _nested(q0, x, True, value, rate, bend)
+            steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else t1
+            x = min(max(x - value / steep, 0.0), 1.0)
+        values[6, n] = x + last / (last - out) + q0 / t1
+
+
+@inner
+def _nested(
+    term: float, away: float, known: bool, value: float, rate: float, bend: float
+) -> tuple[float, float, float]:
+    """Value, slope and half of the second derivative of a polynomial with one factor more."""
+    more = term + away * value, value + away * rate, rate + away * bend
+    return more if known else (value, rate, bend)

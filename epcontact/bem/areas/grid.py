@@ -88,24 +88,26 @@ class Block(NamedTuple):
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
-    links: Any  # (2, 2, columns) `Link` along x and y to a point of even and odd rows, from before
-    work: FloatArray  # (4, 6)
+    values: FloatArray  # (8, 2 columns) of the links of a row, as of `locate`
+    below: FloatArray  # (2 columns,) and what flow has lowered them
+    links: Any  # (2, 2 columns) `Link` of even and odd rows
+    number: Any  # (2, 2, columns) of that along x and along y, from before, to a point of a row
     cells: NDArray[np.uint16]  # (columns,) of a row that have a front or are elastic
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
-    """The `Sums` over blocks of the cells of a periodic grid, (n, 2) records.
-
-    blocks: (n, 4) first row, row after the last, and so the columns; offsets: at WIDTHS.
-    """
+    """The `Sums` (n, 2) over blocks (n, 4), first row, row after the last, and so the columns, of
+    the cells of a periodic grid; offsets: at WIDTHS."""
     found = np.zeros((len(blocks), 2), SUMS)
     rows, columns = (blocks[:, 1::2] - blocks[:, ::2]).max(axis=0) + 2 * PAD
     block = Block(
         np.empty((len({*solution.stiffness}), rows, columns)),
         np.empty((rows, columns), np.uint8),
         np.zeros((rows, columns)),
-        np.empty((2, 2, columns), LINK),
-        np.empty((4, 6)),
+        np.empty((8, 2 * columns)),
+        np.empty(2 * columns),
+        np.empty((2, 2 * columns), LINK),
+        np.empty((2, 2, columns), np.int64),
         np.empty(columns, np.uint16),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
@@ -153,9 +155,10 @@ def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int
 @compiled
 def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, found: Any) -> None:
     """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
-    (v, inside, _, _, _, cells), sums = block, found[0]
+    (v, inside, _, values, below, links, number, cells), sums = block, found[0]
+    hardness, yielded = solution.hardness, solution.yielded
     for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
-        before, here, count = inside[i - 1], inside[i], 0
+        before, here, count, crossed = inside[i - 1], inside[i], 0, np.int64(0)  # no literal
         for j in range(1, len(cells)):  # a loop that the compiler makes one over vectors
             c = here[j]
             cells[j] = (here[j - 1] != c) | (before[j - 1] != c) | (before[j] != c) | (c == 1)
@@ -163,48 +166,46 @@ def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, foun
             wanted, cells[count] = cells[j], j
             count += wanted
         for j in cells[:count]:
+            for y in range(2):
+                if (here[j] > 0) != (inside[i - 1 + y, j - y] > 0):
+                    _cross(block, solution, (i, j, y), crossed)
+                    number[y, i & 1, j] = crossed
+                    crossed += 1
+        locate(values, below, crossed, hardness, yielded, links[i & 1])
+        for j in cells[:count]:
             a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
-            code, own = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0), i >= PAD and j >= PAD
+            code = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0)
+            if i < PAD or j < PAD:
+                continue
             if 0 < code < 15:
-                _cross(block, solution, (i, j))
-                if own:
-                    _segments(block, solution, (i, j, code), offsets, sums)
-            if own and c == 1:
-                square, area = _hidden(v, (i, j), solution.hardness)
+                _segments(block, solution, (i, j, code), offsets, sums)
+            if c == 1:
+                square, area = _hidden(v, (i, j), hardness)
                 sums.squares += square
                 sums.crease += area
-            elif own and c == 0:
-                sums.tips += _tip(v, inside, (i, j), solution.hardness)
+            elif c == 0:
+                sums.tips += _tip(v, inside, (i, j), hardness)
 
 
 @inner
-def _cross(block: Block, solution: Solution, place: tuple[int, int]) -> None:
-    """Locate the front on the links to a point along x and y that it crosses."""
-    (v, inside, sunk, links, work), (i, j), field = block[:5], place, block.v.reshape(-1)
-    _, rows, columns = v.shape
-    is_inside = inside[i, j] > 0
-    for y in range(2):
-        before = i - 1 + y, j - y
-        if is_inside == (inside[before] > 0):
-            continue
-        step = (1 if y else columns) * (-1 if is_inside else 1)
-        here = (y * (len(v) - 1) * rows + i) * columns + j + (-2 if is_inside else -3) * step
-        for k in range(6):  # from inside
-            work[0, k] = field[np.uint64(here + k * step)]
-        last, out = (sunk[i, j], sunk[before]) if is_inside else (sunk[before], sunk[i, j])
-        aspect = solution.stiffness[y] / solution.stiffness[0]
-        below = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
-        found = locate(work, below, solution.hardness, solution.yielded)
-        link = links[y, i & 1, j]
-        link.place = 1 - found.place if is_inside else found.place
-        link.doubt, link.held, link.zone = found.doubt, found.held, found.zone
-        link.kinked, link.fallen = found.kinked, found.fallen
+def _cross(block: Block, solution: Solution, place: tuple[int, int, int], number: int) -> None:
+    """Gather what `locate` needs of the link to a point along x or y, which a front crosses."""
+    v, inside, sunk, values, below = block[:5]
+    (i, j, y), (_, rows, columns), field = place, v.shape, v.reshape(-1)
+    is_inside, before = inside[i, j] > 0, (i - 1 + y, j - y)
+    step = (1 if y else columns) * (-1 if is_inside else 1)
+    here = (y * (len(v) - 1) * rows + i) * columns + j + (-2 if is_inside else -3) * step
+    for k in range(6):  # from inside
+        values[k, number] = field[np.uint64(here + k * step)]
+    last, out = (sunk[i, j], sunk[before]) if is_inside else (sunk[before], sunk[i, j])
+    aspect = solution.stiffness[y] / solution.stiffness[0]
+    below[number] = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
 
 
 @inner
 def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, sums: Any) -> None:
     """Add the segments of a front in a cell to the `Sums`; cell: i, j, 2^k for corners inside."""
-    (v, _, sunk, links), (i, j, code) = block[:4], cell
+    v, sunk, links, number, (i, j, code) = block.v, block.sunk, block.links, block.number, cell
     cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
     a, b, c, d = v[0, i - 1, j - 1], v[0, i, j - 1], v[0, i, j], v[0, i - 1, j]
     e, f, g, h = v[-1, i - 1, j - 1], v[-1, i, j - 1], v[-1, i, j], v[-1, i - 1, j]
@@ -225,10 +226,11 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
     sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
     for corner in range(cut, cut + (4 if saddle else 1), 2):
         after, before = (corner + straight) & 3, (corner + 3) & 3
-        one = links[after & 1, (i - (after == 3)) & 1, j - (after == 0)]
-        other = links[before & 1, (i - (before == 3)) & 1, j - (before == 0)]
-        x = 1 - one.place if after > 1 else one.place
-        y = other.place if before > 1 else 1 - other.place
+        row, column = (i - (after == 3)) & 1, j - (after == 0)
+        one = links[row, number[after & 1, row, column]]
+        row, column = (i - (before == 3)) & 1, j - (before == 0)
+        other = links[row, number[before & 1, row, column]]
+        x, y = (one.place, other.place) if is_inside else (1 - one.place, 1 - other.place)
         held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
         if max(one.fallen, other.fallen) > 0:
             steepest = max(math.hypot(peak[0], peak[1]), solution.yielded)
@@ -258,37 +260,32 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
 def _tip(v: FloatArray, inside: Any, place: tuple[int, int], hardness: float) -> float:
     """1 where a point apart is a tip, less where the strip beside it is narrow, or 0.
 
-    At most two of its eight neighbours are apart, not both on one line.  A spot of two or three
-    points with no others within two points shows all that it has.  The steepest way to a neighbour
-    gives the width of the strip between this front and the other.
+    At most two of its eight neighbours are apart, not both on one line.  The steepest way to a
+    neighbour gives the width of the strip between this front and the other.
     """
-    (i, j), like, near, steepest = place, -1, -1, 0.0
+    (i, j), apart, steepest = place, 0, 0.0
     if inside[i - 1, j] == inside[i + 1, j] == 0 or inside[i, j - 1] == inside[i, j + 1] == 0:
         return 0.0
-    for a in range(i - 2, i + 3):
-        for b in range(j - 2, j + 3):
-            alike = inside[a, b] == 0
-            near += alike
-            if max(abs(a - i), abs(b - j)) <= 1:
-                like += alike
-                way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
-                steepest = max(steepest, way)
-    return 0.0 if like > 2 or 0 < like == near else min(hardness / steepest, 1.0) ** 2
+    for a in range(i - 1, i + 2):
+        for b in range(j - 1, j + 2):
+            apart += inside[a, b] == 0
+            way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
+            steepest = max(steepest, way)
+    return 0.0 if apart > 3 else min(hardness / steepest, 1.0) ** 2
 
 
 @inner
 def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[float, float]:
-    """(square of areas, area at a crease) that an elastic point may hide beside it.
+    """(square of a gap, area at a crease) that an elastic point may hide beside it.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from its
     lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes
     smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
 
     Along a crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap
-    shows.  A tip is bound by creases in both directions, as wide as where p rises by k ln 3 from
-    half a spacing to 3/2.  A lone point may be on a wedge.
+    shows.  A lone point may be on a wedge.
     """
-    (i, j), lowest, tip, rise, area = place, True, 1.0, 0.0, 0.0
+    (i, j), lowest, rise, area = place, True, 0.0, 0.0
     here = v[0, i, j]
     for axis in range(2):
         q, x, y = v[-axis], 1 - axis, axis  # (x, y) is the way across the crease
@@ -304,8 +301,6 @@ def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[flo
         before, after = min(before, hardness), min(after, hardness)
         first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
         across, rise = max(before, after) - here, rise + before + after
-        bent = min(first - 2 * before, end - 2 * after) + here < 0
-        tip *= 2 * 3 ** (-here / across) if bent and across > 0 else 0.0
         one = min(q[i - 1, j - 1], q[i - y, j - x], q[i + x - y, j + y - x])
         other = min(q[i + 1, j + 1], q[i + y, j + x], q[i + y - x, j + x - y])
         if alike and min(one, other, across) > 0:
@@ -314,4 +309,4 @@ def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[flo
             area = max(area, width * max(1 - along, 0.0))
     rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
     gap = max(math.pi * 1.5 * (0.5 - here / rise), 0.0) if rise > 0 else 0.0  # ±0 if flat
-    return (gap**2 + tip**2 if lowest else 0.0), area
+    return (gap**2 if lowest else 0.0), area
