@@ -374,7 +374,7 @@ def _doubts(surface: Surface) -> list[str]:
     whose = "for these steps, but not for a smooth surface that was rounded"
     if step < 1.1 * change:
         whose = "neither for them nor for a smooth surface: smooth the heights or refine the grid"
-    if step <= change / 20:  # where the smooth surface is within its claims (`area_bank`)
+    if step <= change / 40:  # where the smooth surface is within its claims (`area_bank`)
         whose = "for the smooth surface that was rounded, but not for its steps"
     ratio = max(surface.spacing) / min(surface.spacing)
     signs = {

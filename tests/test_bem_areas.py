@@ -423,14 +423,14 @@ def test_the_tables_come_from_the_calibration():
 
 @pytest.mark.slow
 def test_scenes_that_once_were_wrong_are_within_their_claims():
-    """Nine of ten are on four surfaces each, and none is far beyond."""
+    """Nine of ten are on four surfaces each, none far beyond; a lone point claims all it has."""
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
     table, *others = (area_scenes.judged(small, seeds=[seed]) for seed in (3, 1, 2, 4))
     assert len(table) == 11
     times = np.concatenate([one["times"] for one in (table, *others)])
     assert np.mean(times <= 1) >= 0.9
     assert (times < 1.5).all()
-    assert (table["claimed"] < [1, 100, 50, 50, 70, *[50] * 6]).all()
+    assert (table["claimed"] < [1, 200, 50, 50, 70, *[50] * 6]).all()
 
 
 @pytest.mark.slow

@@ -416,7 +416,7 @@ def test_slopes_beyond_one_are_said_once():
     ("heights", "periods", "doubts"),
     [
         (np.round(MAP / (0.3 * MAP.std())), (1e3, 1e3), {STEPS, "neither for them nor"}),
-        (np.round(MAP / (0.02 * MAP.std())), (1e3, 1e3), {STEPS, "but not for its steps"}),
+        (np.round(MAP / (0.01 * MAP.std())), (1e3, 1e3), {STEPS, "but not for its steps"}),
         (np.round(MAP / (0.002 * MAP.std())), (1e3, 1e3), set()),
         (np.round(8 * HILLS).astype(np.float32) * np.float32(0.1), (1e3, 1e3), {STEPS}),
         (np.round(8 * HILLS[3]), (1e3,), {STEPS}),

@@ -139,9 +139,9 @@ class Scene:
 
     def told(self, factor):
         """Whether a note says that claims may not hold for the reading of this kind."""
-        words = {"rounded": "nor for a smooth surface", "quantised": "are in steps of"}
         notes = " ".join(Surface(*self.surface(factor)).notes)
-        return self.kind in words and words[self.kind] in notes
+        words = {"rounded": {"for a smooth"}, "quantised": {"neither for", "not for its steps"}}
+        return any(said in notes for said in words.get(self.kind, ()))
 
     def solved(self, factor):
         """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as fine."""
