@@ -24,6 +24,7 @@ from epcontact.harness.case_files.citations import papers_of, sources_of  # noqa
 from epcontact.harness.case_files.mistakes import key_table  # noqa: E402
 from epcontact.harness.methods.registry import METHODS  # noqa: E402
 from epcontact.harness.quantities.registry import QUANTITIES  # noqa: E402
+from epcontact.output.charts.figures import Chart  # noqa: E402
 from epcontact.reference import CLOSED_FORMS  # noqa: E402
 from epcontact.results import package_versions  # noqa: E402
 from epcontact.studies import conductance  # noqa: E402
@@ -112,7 +113,10 @@ def _generate(app: Any) -> None:
     written = pages.get_template("registries.md.jinja").render(registries)
     (folder / "registries.md").write_text(written)
     laws = conductance.ratios(conductance.kept().query("breadth == 8"))
-    conductance.law_map(laws, "").save(folder / "conductance")
+    table = laws.rename(columns={"law": "series"})
+    Chart(conductance.law_map(table), list(table), table.to_numpy().tolist(), "").save(
+        folder / "conductance"
+    )
 
 
 def _as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
