@@ -59,9 +59,8 @@ def test_a_kept_table_stands_for_its_verdict(runs, tmp_path):
 def test_what_is_gone_is_told(runs, tmp_path):
     figures = read_figures(runs / "right")
     # Full cases say nothing of a run that is fast; a fast case that is gone is named.
-    more = [
-        figures.assign(case=case, size=size) for case, size in (("big", "full"), ("gone", "fast"))
-    ]
+    others = (("big", "full"), ("gone", "fast"))
+    more = [figures.assign(case=case, size=size) for case, size in others]
     pd.concat([figures, *more]).to_csv(tmp_path / "old.csv")
     said = compared(tmp_path / "old.csv", runs / "right")[1]
     assert "cases of OLD alone: gone fast 9 values" in said
@@ -71,10 +70,14 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
     assert "3 are given" in compared(tmp_path, tmp_path, tmp_path)[2]
     (tmp_path / "verdict.json").write_text("{}")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
-    figures = read_figures(runs / "right")
+    content, figures = (runs / "right/verdict.json").read_text(), read_figures(runs / "right")
+    (tmp_path / "alone.json").write_text(content)  # as kept of an earlier run
+    assert compared(tmp_path / "alone.json", runs / "right")[0] == 0
+    (tmp_path / "edited.json").write_text(content.replace("holds", "skips"))
     figures.assign(size="full").to_csv(tmp_path / "full.csv")
     for other, words in {
         tmp_path: "was changed, moved or",
+        tmp_path / "edited.json": "was changed, moved or",
         tmp_path / "absent": "cannot read",
         tmp_path / "table.csv": "is no table that",
         tmp_path / "full.csv": "OLD has 1 of size full, NEW 1 of fast",

@@ -59,7 +59,7 @@ def read_figures(path: Path) -> pd.DataFrame:
     answer of a method that is only a reference, and each count of work."""
     if path.suffix != ".csv":
         file = path / "verdict.json" if path.is_dir() else path
-        rows = [row for case in Verdict.read(file).cases for row in _rows(case)]
+        rows = [row for case in Verdict.read(file, alone=True).cases for row in _rows(case)]
         return pd.DataFrame(rows, columns=_COLUMNS)
     try:
         found = pd.read_csv(path, dtype=dict.fromkeys((*ROW, "scene", "status"), str))

@@ -1,9 +1,8 @@
 """Read back what a verification has written: figures that contradict each other are an error.
 
-`require_faithful` reads verdict.json and the answers of the methods as a user's script would: every
-gate is judged again from the figures beside its status, every case and the whole from their gates,
-every value, difference and interval from the members of the answers.  It shares no code with what
-judged the gates and wrote the files.  `Verdict.read` compares their digest, in the verdict, later.
+`require_faithful` reads verdict.json and the answers as a user's script would: every gate is judged
+again from the figures beside its status, every case and the whole from their gates, every value,
+difference and interval from the members of the answers, by code that nothing else uses.
 """
 
 from __future__ import annotations
@@ -43,13 +42,14 @@ def withdraw(folder: Path) -> None:
 
 
 def digest_of(verdict: Data, folder: Path) -> str:
-    """Return the SHA-256 of a verdict and of the answers on which it rests."""
-    found = hashlib.sha256(to_json({k: part for k, part in verdict.items() if k != "digest"}))
+    """Return the SHA-256 of a verdict, and that of the answers on which it rests if any is here."""
+    own = hashlib.sha256(to_json({k: part for k, part in verdict.items() if k != "digest"}))
+    answers = b""
     for case in verdict["cases"]:
         here = folder / case["id"] / case["size"]
         for path in (here / f"{name}.json" for name, m in case["methods"].items() if m["surfaces"]):
-            found.update(path.read_bytes() if path.is_file() else b"")
-    return found.hexdigest()
+            answers += hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b""
+    return own.hexdigest() + (hashlib.sha256(answers).hexdigest() if answers else "")
 
 
 def contradictions(verdict: Data, folder: Path) -> list[str]:
