@@ -331,7 +331,7 @@ FULL = "epcontact: cannot write the output: no space left on device"
     [
         ("keys", 2, ""),
         ("cite hertz-sphere", 2, ""),
-        ("verify bearing-area", 0, ""),
+        ("verify bearing-area hertz-sphere --fresh", 0, ""),
         ("list", 2, FULL),
     ],
 )
@@ -344,7 +344,7 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
             check=False, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     told = [line for line in done.stderr.splitlines() if "epcontact:" in line]
-    for shut in (">&- <&-", "2>/dev/full"):
+    for shut in (">&- <&-", "2>&- <&-", "2>/dev/full"):
         line = ["sh", "-c", f'exec "$@" {shut}', "sh", *COMMAND, *words.split()]
         closed = subprocess.run(line, check=False, cwd=tmp_path, capture_output=True, text=True)
         assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)

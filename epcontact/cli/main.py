@@ -59,8 +59,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         """Import a command, or refuse an unknown one and name the nearest."""
         if cmd_name not in COMMANDS:
-            known = nearest(cmd_name, COMMANDS)
-            raise click.UsageError(f"there is no command {cmd_name!r}{known}")
+            raise click.UsageError(f"there is no command {cmd_name!r}{nearest(cmd_name, COMMANDS)}")
         # No command has matrices that need threads, and to start them takes as long as numpy's
         # import.  A number of threads that the user sets counts.
         with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
@@ -94,7 +93,8 @@ def main() -> None:
         signal.signal(signal.SIGINT, _ended)
     for name in ("stdin", "stdout", "stderr"):
         if (stream := getattr(sys, name)) is None:  # closed: no other file must get its number
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "w"))
+            os.set_inheritable(null := os.open(os.devnull, os.O_RDWR), True)  # nor of a child's
+            setattr(sys, name, os.fdopen(null, "w"))
         if isinstance(stream, io.TextIOWrapper):  # a code page without a symbol shows "?" for it
             stream.reconfigure(errors="replace")
     out, code, sentences = sys.stdout, 2, tuple[object, ...]()
