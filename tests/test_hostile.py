@@ -278,7 +278,7 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
-def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path):
+def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path, monkeypatch):
     heights = np.array([[0.0, 0.5, -1.25], [3.0, 1e-9, 1 / 3]])
     metal = Material(2.5, 0.3, 11.0, 5.0)
     surface, body = Surface(heights, (2.0, 4.5)), Body("bonded_layer", 0.75)
@@ -292,11 +292,10 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path)
     fields = "gap {} residual 1D-3 displacement {} converged 1 pressure {}"
     texts = (" ".join(map(repr, (heights + k).ravel().tolist())) for k in range(3))
     (tmp_path / "made").write_text(f"epcontact-result 1 {fields.format(*texts)}")
-    read = foreign.answer_of_command(["cp", str(tmp_path / "made"), "{result}"], scene)
-    assert ([step.mean_pressure for step in read.steps], read.method) == (
-        [0.5, 4.0, 1.5, 2.5],
-        "cp",
-    )
+    monkeypatch.setattr(sys, "stderr", Mock(write=Mock(side_effect=OSError)))  # it is full
+    words = ["sh", "-c", f"echo said >&2; cp '{tmp_path}/made' {{result}}"]
+    read = foreign.answer_of_command(words, scene)
+    assert ([*scene.load.path], "sh") == ([s.mean_pressure for s in read.steps], read.method)
     for k, name in enumerate(("gap", "displacement", "pressure")):
         np.testing.assert_array_equal(read.fields[name], heights + k)
 

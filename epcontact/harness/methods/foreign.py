@@ -40,6 +40,7 @@ A solver is asked for each load of a path, as the last one of a scene, as fields
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import json
@@ -239,20 +240,19 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
         command = [PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words]
         started = time.perf_counter()
         done = subprocess.run(command, check=False, stderr=subprocess.PIPE)
-        seconds = time.perf_counter() - started
+        cost = {"seconds": time.perf_counter() - started, "unknowns": scene.surface.heights.size}
         said = done.stderr.decode(errors="replace")
-        sys.stderr.write(said)
+        with contextlib.suppress(OSError):  # that nobody can read it there is no error
+            sys.stderr.write(said)
         if done.returncode:
             last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
             raise InvalidCase(f"a command that {death_of(done.returncode)}{last}")
         if not written.is_file():
             raise InvalidCase("a command that ended with exit code 0 and wrote no result")
-        text = written.read_text(encoding="utf-8", errors="replace")
-    found = result_of_text(text, scene.surface.shape)
+        found = result_of_text(written.read_text("utf-8", "replace"), scene.surface.shape)
     steps = tuple(LoadStep(load, {}) for load in scene.load.path)
     origin, notes = Provenance(scene.digest, scene.surface.seed), scene.surface.notes
     fields = {name: found[name] for name in _ARRAYS if name in found}
-    cost = {"seconds": seconds, "unknowns": scene.surface.heights.size}
     notes = (*notes, f"the pressure is {words[0]}'s, everything else follows from it here")
     return ContactResult(words[0], steps, origin, fields=fields, cost=cost, notes=notes)
 
