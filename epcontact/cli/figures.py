@@ -57,13 +57,13 @@ def view(
     factor: float | None,
 ) -> None:
     """Show the fields of a result in three dimensions: .vti, .vtu, .pvd, or a method's .json."""
+    if against is not None and screenshot is None:
+        raise click.UsageError("--against draws to a file; give --screenshot too")
     if contact_map is not None:
         save_map(viewing.find_result(result), contact_map)
     if film is not None:
         viewing.animate([result], film, factor=factor)
-    if against is not None:
-        if screenshot is None:
-            raise click.UsageError("--against draws to a file; give --screenshot too")
+    if against is not None and screenshot is not None:
         viewing.compare(result, against, screenshot)
     elif screenshot is not None:
         viewing.screenshot(result, screenshot, factor=factor)
