@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
@@ -35,9 +35,8 @@ def table_of(texts: Sequence[str], figures: Sequence[str] = ()) -> Table:
     """Return a table without lines whose columns of texts stand left, those of figures right."""
     table = Table(box=None, pad_edge=False)
     for heading in (*texts, *figures):
-        table.add_column(
-            heading, overflow="fold", justify="right" if heading in figures else "left"
-        )
+        side: Any = "right" if heading in figures else "left"
+        table.add_column(heading, overflow="fold", justify=side)
     return table
 
 
@@ -63,11 +62,11 @@ def list(each: bool) -> None:
     if each:
         families = ((case.id, (case,)) for _, cases in families for case in cases)
     headings = ("case" if each else "family", "cases", "sizes", "methods", "requirement")
-    print_rows(open_console(), headings, (_row(*family) for family in families))
+    print_rows(open_console(), headings, (_row(*family) for family in families), named=False)
 
 
-def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print texts, no markup: a table, or on a narrow terminal a paragraph for each row."""
+def print_rows(console: Console, headings: Sequence[str], rows: Any, named: bool = True) -> None:
+    """Print texts: a table, or on a narrow terminal a paragraph for each row, of `named` cells."""
     if console.width >= WIDE:
         table = table_of(headings)
         for row in rows:
@@ -75,8 +74,10 @@ def print_rows(console: Console, headings: Sequence[str], rows: Iterable[Sequenc
         console.print(table)
         return
     for name, *others, last in rows:
-        console.print(Text(name, "bold"), Text("  ".join(filter(None, others))))
-        console.print(Padding(Text(last), (0, 0, 0, 2)))
+        told = (f"{h * named} {x}".strip() for h, x in zip(headings[1:], others, strict=False) if x)
+        console.print(Text(name, "bold"), Text("  ".join(told)))
+        if last:
+            console.print(Padding(Text(last), (0, 0, 0, 2)))
 
 
 def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
@@ -102,7 +103,6 @@ def _head(case: CaseText) -> Mapping[str, Any]:
         head: Mapping[str, Any] = at_size(case.tables, case.sizes[0])["case"]
         _ = (*head["methods"], head["requirement"])
     except (KeyError, TypeError):
-        raise InvalidCase(
-            f"{case.where}: needs a table [case] with a requirement and methods"
-        ) from None
+        told = "needs a table [case] with a requirement and methods"
+        raise InvalidCase(f"{case.where}: {told}") from None
     return head
