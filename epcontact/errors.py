@@ -7,6 +7,7 @@ what would be right.  The command line prints it unchanged and exits with 2.
 from __future__ import annotations
 
 import difflib
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
 
@@ -74,6 +75,7 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: the closest known name, or all of them."""
+    """Return the end of a sentence on an unknown name: the closest known name, or a list of them."""
+    listed = textwrap.shorten(", ".join(sorted(known)), 500, placeholder=" and others")
     close = closest(name, known)
-    return f"; did you mean {close!r}?" if close else f"; there are {', '.join(sorted(known))}"
+    return f"; did you mean {close!r}?" if close else f"; there are {listed}"

@@ -14,7 +14,7 @@ position, and 0.164 along the diagonals.
 
 If an elastic strip of width w separates apart and plastic points, the offset vanishes with w,
 overshoots and settles at a spacing's width.  Solutions over all w, directions and positions give it
-as a function of u = hardness/|grad v|, which is known in each cell.
+as a function of u, the mean of hardness/|grad v| in a cell and of that one link further inside.
 
 `python -m laboratory.rim` prints the constants and tables, in some ten seconds.
 """
@@ -84,8 +84,8 @@ def row_period(direction, period):
 
 def link_of(v, hardness=math.inf):
     """The `Link` of six values v, from inside out, where nothing has flowed before."""
-    values, found = np.append(v, (0.0, 0.0))[:, None], np.zeros(1, LINK)
-    locate(values, np.zeros(1), 1, hardness, hardness, found)
+    values, found = np.append(v, (0.0, 0.0, 0.0))[:, None], np.zeros(1, LINK)
+    locate(values, 1, hardness, hardness, found)
     return Link(*found[0])
 
 

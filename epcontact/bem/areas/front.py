@@ -51,6 +51,7 @@ class Link(NamedTuple):
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
     kinked: float  # 1 at a kink, and where the point inside has flowed before
     fallen: float  # what the last point has lost since it flowed, over the hardness; 0 elsewhere
+    steeper: float  # by what share v is steeper than on the link inside, where it rises to there
 
 
 @compiled
@@ -109,25 +110,25 @@ def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
 
 
 @compiled
-def locate(
-    values: FloatArray, sunk: FloatArray, count: int, hardness: float, yielded: float, found: Any
-) -> None:
+def locate(values: FloatArray, count: int, hardness: float, yielded: float, found: Any) -> None:
     """Find the `Link` between the third of six points, which is inside, and the fourth; of many.
 
-    values: (8, n), v of `grid` at the six points and memory; sunk: (n,), c w where flow has lowered
-    the third by w and the fourth never, negative where it has lowered both; yielded: the hardness
-    of that flow; found: (n,) records.  Unloading has taken the same from both beside a steep edge:
+    values: (9, n), v of `grid` at the six points, c w where flow has lowered the third by w and the
+    fourth never, negative where it has lowered both, and memory; yielded: the hardness of that
+    flow; found: (n,) records.  Unloading has taken the same from both beside a steep edge:
     the place there is that of the peak.
     """
-    _roots(values, sunk, count, hardness)
+    _roots(values, count, hardness)
     for n in range(count):
         first, before, last, out = values[0, n], values[1, n], values[2, n], values[3, n]
-        after, end, place, lost, link = values[4, n], values[5, n], values[6, n], sunk[n], found[n]
-        slope, elastic, gap = last + lost - out, last < hardness, after <= 0
-        link.doubt = link.held = link.zone = link.kinked = link.fallen = 0.0
+        after, end, lost, place = values[4, n], values[5, n], values[6, n], values[7, n]
+        slope, elastic, gap, link = last + lost - out, last < hardness, after <= 0, found[n]
+        link.doubt = link.held = link.zone = link.kinked = link.fallen = link.steeper = 0.0
         if lost > 0 and EDGE * slope > yielded:
             link.place, link.fallen = min((yielded + lost) / slope, 1.0), 1 - last / yielded
             continue
+        if elastic and first > before > last:
+            link.steeper = (last - out) / (before - last) - 1
         if lost == 0 and elastic and 0 < after < hardness:
             half, shift = crease(before, last, out, after, end)
             if half > 0:
@@ -153,12 +154,12 @@ def locate(
             continue
         if kink:
             place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
-        link.place, link.doubt = min(max(place, 0.0), 1.0), values[7, n]
+        link.place, link.doubt = min(max(place, 0.0), 1.0), values[8, n]
         link.kinked = 1.0 if kink or lost > 0 else 0.0
 
 
 @inner
-def _roots(values: FloatArray, sunk: FloatArray, count: int, hardness: float) -> None:
+def _roots(values: FloatArray, count: int, hardness: float) -> None:
     """Fill the memory with place and doubt of smooth fronts, by the polynomial.
 
     It is q0 + x (t1 + (x - 1) (t2 + (x + 1) (t3 + (x - 2) (t4 + (x + 2) t5)))), Newton's, less the
@@ -169,16 +170,16 @@ def _roots(values: FloatArray, sunk: FloatArray, count: int, hardness: float) ->
     for n in range(count):
         first, before, last = values[0, n], values[1, n], values[2, n]
         out, after, end = values[3, n], values[4, n], values[5, n]
-        elastic, gap = last < hardness, (after <= 0) & (sunk[n] >= 0)
+        elastic, gap = last < hardness, (after <= 0) & (values[6, n] >= 0)
         mix, inside, outside = MIX * elastic, INNER * elastic, OUTER * elastic
         less = 0.0 if elastic else hardness
         within = (before > 0) & (before < hardness)
         contact = within if elastic else before >= hardness
         deep = within & elastic & (first > 0) & (first < hardness)
         q0, t1 = last - less, out - last + less
-        t2 = (t1 + before + mix * last - less - q0) / 2 if contact else 0.0
+        t2 = (t1 + before + (mix - 1) * last) / 2 if contact else 0.0
         t3 = ((after - mix * out - q0) / 2 - t1 - t2) / (3.0 if contact else 1.0) if gap else 0.0
-        t4 = t2 - ((first + mix * before + inside * last - less - q0) / 2 + t1) / 3
+        t4 = t2 - ((first + mix * before + (inside - 1) * last) / 2 + t1) / 3
         t4 = (t3 - t4) / 4 if gap else t4
         t5 = ((end - mix * after + outside * out - q0) / 3 - t1) / 8 - t2 / 4 - t3
         # What terms add in the middle of the link.
@@ -195,7 +196,7 @@ def _roots(values: FloatArray, sunk: FloatArray, count: int, hardness: float) ->
         known = fifth if farther else known
         known = min(max(-known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
         hump = deep & (not far) & (before > max(first, last))  # behind it may be a kink
-        values[7, n], x = -KINK if hump else known, -q0 / t1
+        values[8, n], x = -KINK if hump else known, -q0 / t1
         for _ in range(2):
             value, rate, bend = _nested(t4, x + 2, far, t5, 0.0, 0.0)
             value, rate, bend = _nested(t3, x - 2, gap, value, rate, bend)
@@ -204,7 +205,7 @@ def _roots(values: FloatArray, sunk: FloatArray, count: int, hardness: float) ->
             value, rate, bend = _nested(q0, x, True, value, rate, bend)
             steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else t1
             x = min(max(x - value / steep, 0.0), 1.0)
-        values[6, n] = x + last / (last - out) + q0 / t1
+        values[7, n] = x + last / (last - out) + q0 / t1
 
 
 @inner

@@ -25,9 +25,8 @@ from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
 #: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`).
-WIDTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5, 1.8, 2.2, 2.8, 3.5])
-OFFSETS = np.array([0.0, 0.0721, 0.137, 0.1916, 0.2198, 0.2229, 0.215, 0.1933,
-                    0.18, 0.1742, 0.1694, 0.1782, 0.1773, 0.1783])  # fmt: skip
+WIDTHS = np.array([0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.65, 2.2])
+OFFSETS = np.array([0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1982, 0.1752, 0.1706, 0.1783])
 #: Along a crease the pressure changes by less than this share of its change across, and from copy
 #: to copy of its range (`area_bank`; from 1/3 on claims of straight grooves are too small).
 ALIKE = 0.2
@@ -54,7 +53,7 @@ class Solution(NamedTuple):
 class Sums(NamedTuple):
     """Sums over the fronts around the contact and around its plastic part: (..., 2 fronts).
 
-    Lengths are in spacings, and no edge of the surface holds "free" ones.  A front of u < 1
+    Lengths are in spacings; "free" ones are not held by an edge of the surface.  A front of u < 1
     spacings, the width hardness/|grad v| of the elastic strip beside it, moves with the other front
     there: the share u^2 of it is its own.
     """
@@ -64,7 +63,7 @@ class Sums(NamedTuple):
     squares: FloatArray  # of `_hidden`
     crease: FloatArray  # of `_hidden`
     area: FloatArray  # inside the located front, in cells
-    offset: FloatArray  # free length times the tabulated offset at u
+    offset: FloatArray  # free length times the offset at the strip's width there
     harmonic: FloatArray  # free length times cos 4 theta
     turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
     zone: FloatArray  # length times the width of the zone hidden at edges
@@ -88,8 +87,7 @@ class Block(NamedTuple):
     v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
     inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
     sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
-    values: FloatArray  # (8, 2 columns) of the links of a row, as of `locate`
-    below: FloatArray  # (2 columns,) and what flow has lowered them
+    values: FloatArray  # (9, 2 columns) of the links of a row, as of `locate`
     links: Any  # (2, 2 columns) `Link` of even and odd rows
     number: Any  # (2, 2, columns) of that along x and along y, from before, to a point of a row
     cells: NDArray[np.uint16]  # (columns,) of a row that have a front or are elastic
@@ -104,8 +102,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty((len({*solution.stiffness}), rows, columns)),
         np.empty((rows, columns), np.uint8),
         np.zeros((rows, columns)),
-        np.empty((8, 2 * columns)),
-        np.empty(2 * columns),
+        np.empty((9, 2 * columns)),
         np.empty((2, 2 * columns), LINK),
         np.empty((2, 2, columns), np.int64),
         np.empty(columns, np.uint16),
@@ -155,7 +152,7 @@ def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int
 @compiled
 def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, found: Any) -> None:
     """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
-    (v, inside, _, values, below, links, number, cells), sums = block, found[0]
+    (v, inside, _, values, links, number, cells), sums = block, found[0]
     hardness, yielded = solution.hardness, solution.yielded
     for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
         before, here, count, crossed = inside[i - 1], inside[i], 0, np.int64(0)  # no literal
@@ -171,12 +168,12 @@ def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, foun
                     _cross(block, solution, (i, j, y), crossed)
                     number[y, i & 1, j] = crossed
                     crossed += 1
-        locate(values, below, crossed, hardness, yielded, links[i & 1])
+        locate(values, crossed, hardness, yielded, links[i & 1])
         for j in cells[:count]:
-            a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
-            code = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0)
             if i < PAD or j < PAD:
                 continue
+            a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
+            code = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0)
             if 0 < code < 15:
                 _segments(block, solution, (i, j, code), offsets, sums)
             if c == 1:
@@ -190,7 +187,7 @@ def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, foun
 @inner
 def _cross(block: Block, solution: Solution, place: tuple[int, int, int], number: int) -> None:
     """Gather what `locate` needs of the link to a point along x or y, which a front crosses."""
-    v, inside, sunk, values, below = block[:5]
+    v, inside, sunk, values = block[:4]
     (i, j, y), (_, rows, columns), field = place, v.shape, v.reshape(-1)
     is_inside, before = inside[i, j] > 0, (i - 1 + y, j - y)
     step = (1 if y else columns) * (-1 if is_inside else 1)
@@ -199,7 +196,7 @@ def _cross(block: Block, solution: Solution, place: tuple[int, int, int], number
         values[k, number] = field[np.uint64(here + k * step)]
     last, out = (sunk[i, j], sunk[before]) if is_inside else (sunk[before], sunk[i, j])
     aspect = solution.stiffness[y] / solution.stiffness[0]
-    below[number] = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
+    values[6, number] = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
 
 
 @inner
@@ -215,11 +212,11 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
     square = max(dx * dx + dy * dy, 1e-300)
     sin4 = 4 * (dx * dy / square) * ((dx - dy) * (dx + dy) / square)
     steep, cos4 = math.sqrt(square), 1 - 8 * (dx * dy / square) ** 2
-    narrow, u, peak = min(solution.hardness / steep, 1.0) ** 2, solution.yielded / steep, (dx, dy)
+    narrow, u = min(solution.hardness / steep, 1.0) ** 2, solution.yielded / steep
     a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
     if max(a, b, c, d) > 0:
-        fall = solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
-        peak = dx + (b + c - a - d) / 2, dy + fall  # the gradient at the peak load
+        dx += (b + c - a - d) / 2  # the gradient at the peak load
+        dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
         if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
             u = np.inf
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
@@ -233,8 +230,7 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
         x, y = (one.place, other.place) if is_inside else (1 - one.place, 1 - other.place)
         held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
         if max(one.fallen, other.fallen) > 0:
-            steepest = max(math.hypot(peak[0], peak[1]), solution.yielded)
-            u = solution.yielded / steepest
+            u = solution.yielded / max(math.hypot(dx, dy), solution.yielded)
             back, gone = release(one.fallen, u), release(other.fallen, u)
             x -= sign * back
             y -= sign * gone
@@ -243,7 +239,8 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
         sums.area += sign * (x + y if straight else x * y) / 2
         own, free = max(narrow, held) * length, (1 - held) * length
         sums.released += away * length
-        sums.offset += offsets[int(FINE * u + 0.5) if u < WIDTHS[-1] else -1] * free
+        wide = u * (1 + (one.steeper + other.steeper) / 4)  # by the slope of both its fronts
+        sums.offset += offsets[int(FINE * wide + 0.5) if wide < WIDTHS[-1] else -1] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.0 if straight else 0.25 * sign

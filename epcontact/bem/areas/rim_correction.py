@@ -88,6 +88,8 @@ def estimate_areas(
     for name, values in (("pressure", pressure), ("gap", gap), ("flowed", flowed)):
         if values is not None and not (values.size and math.isfinite(values.sum())):
             raise InvalidScene(f"{name} is empty or holds NaN or infinite numbers: all are finite")
+    if pressure.min() < 0 or pressure.max() * _ROUNDING > hardness:
+        raise InvalidScene("a pressure is negative or above the hardness: all are from 0 to it")
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
     return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
 
