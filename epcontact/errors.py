@@ -75,7 +75,7 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: the closest known name, or a list of them."""
+    """Return the end of a sentence on an unknown name: the closest known one, or their list."""
     listed = textwrap.shorten(", ".join(sorted(known)), 500, placeholder=" and others")
     close = closest(name, known)
     return f"; did you mean {close!r}?" if close else f"; there are {listed}"
