@@ -352,7 +352,8 @@ def test_blocks_do_not_change_the_sums(capped, monkeypatch):
     ("changed", "sentence"),
     [
         ({"flowed": np.zeros((8, 7))}, r"of \[\(8, 7\), \(8, 8\)\] points and 2 spacings"),
-        ({"spacing": (1.0,)}, "do not fit"),
+        ({"spacing": 1.0}, "1 spacings do not fit"),
+        ({"pressure": 1.0, "gap": 0.0, "spacing": ()}, "0 spacings do not fit"),
         ({"pressure": np.full((8, 8), np.nan)}, "pressure is empty or holds NaN"),
         ({"gap": np.full((8, 8), np.inf)}, "gap is empty or holds NaN or infinite"),
         ({"pressure": np.zeros((0, 0)), "gap": np.zeros((0, 0))}, "pressure is empty"),

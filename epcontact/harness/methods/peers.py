@@ -234,7 +234,7 @@ def result_of(
     surface, load, pressure = scene.surface, scene.load, given["pressure"]
     for field in ("pressure", "gap", "displacement"):
         if not np.isfinite(given.get(field, 0)).all():
-            raise InvalidScene(f"{field} is infinite or NaN at a point: all are finite numbers")
+            raise InvalidScene(f"{field} is infinite or NaN at a point, and must be finite at all")
     displacement, gap = given.get("displacement"), given.get("gap")
     if displacement is None:
         q = rfft_wavenumbers(surface.shape, surface.periods)
@@ -266,8 +266,8 @@ def result_of(
     areas, found = figures(bounded, capped, left, energy / pressure.size / 2, before, after)
     if math.isnan(areas["corrected"].total):
         raise NotConverged(
-            "pressures of which no contact area follows: with the gaps that they cause, those of "
-            f"{name} solve no contact problem"
+            "pressures of which no contact area follows: with the gaps that they cause, they solve "
+            "no contact problem"
         )
     found["largest_pressure"] = float(pressure.max())
     if flows:  # what a surface shows of a body that flows inside
