@@ -170,13 +170,13 @@ def _covariance(sums: Sums, aligned: FloatArray, oblong: float, edges: float) ->
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    those at edges and kinks, and its doubt as far as it is alike, around round bodies .3 of it.
-    What a spot lacks by its curvature is known to a sixth, and to a tenth in common, a release to a
-    quarter, the offset's change with direction to a third.  A narrow strip may be anywhere.
+    those at edges and kinks, and 3/2 of its doubt as far as it is alike.  What a spot lacks by its
+    curvature is known to a sixth, and to a tenth in common, a release to a quarter, the offset's
+    change with direction to a third.  A strip narrower than a spacing may be anywhere in its link.
     """
     shorter = (sums.length + sums.shared).min()
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
-    common = (aligned**2 + 0.09) * sums.doubt**2 + edges**2 * (sums.held**2 + sums.kinked**2)
+    common = (1.5 * aligned * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
     common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (CORNER / 10 * sums.turn) ** 2 + (sums.released / 4) ** 2 + (STRIPS * shorter) ** 2
     together = ANYWHERE**2 * sums.shared.mean() + (edges * (aligned * sums.shared).mean()) ** 2
