@@ -51,7 +51,7 @@ class Link(NamedTuple):
     zone: float  # width of the zone at an edge that must be plastic, but shows no point
     kinked: float  # 1 at a kink, and where the point inside has flowed before
     fallen: float  # what the last point has lost since it flowed, over the hardness; 0 elsewhere
-    steeper: float  # by what share v is steeper than on the link inside, where it rises to there
+    steeper: float  # by what share v is steeper than on the link inside; 0 if it does not rise on
 
 
 @compiled
