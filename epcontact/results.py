@@ -252,7 +252,7 @@ class ContactResult:
             distribution=None if saved is None else PressureDistribution(**saved),
             cost=_numbers(data["cost"]),
             history=tuple(map(float, data["history"])),
-            notes=tuple(data["notes"]),
+            notes=tuple(map(str, data["notes"])),
             converged=data["converged"],
         )
 
@@ -262,13 +262,13 @@ def _step(data: Mapping[str, Any]) -> LoadStep:
         float(data["mean_pressure"]),
         {name: Areas(**_numbers(areas)) for name, areas in data["areas"].items()},
         _numbers(data["residuals"]),
-        data["iterations"],
+        _numbers(data["iterations"]),
         _numbers(data["quantities"]),
     )
 
 
 def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: float(v) if isinstance(v, str) else v for name, v in data.items()}
+    return {name: float(v) if isinstance(v, str) else +v for name, v in data.items()}  # no lists
 
 
 def plain(value: Any) -> Any:

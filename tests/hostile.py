@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from epcontact import bem, results
-from epcontact.results import ELASTIC, Areas, ContactResult, LoadStep, Provenance
+from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 
 
 def full_contact(scene):
@@ -24,10 +24,8 @@ def full_contact(scene):
     modulus = scene.material.young_modulus / (1 - scene.material.poisson_ratio**2)
     modes = modulus / 2 * q * np.fft.rfft(heights)
     pressure = scene.load.final + np.fft.irfft(modes, heights.size)
-    areas = Areas(1.0, 1.0, 0.0)
-    step = LoadStep(scene.load.final, {"raw": areas, "corrected": areas})
-    state = np.full(heights.shape, ELASTIC)
-    fields = {"pressure": pressure, "gap": np.zeros_like(heights), "state": state}
+    step = LoadStep(scene.load.final, {})
+    fields = {"pressure": pressure, "gap": np.zeros_like(heights)}
     return ContactResult("full_contact", (step,), Provenance(scene.digest), fields=fields)
 
 
@@ -53,18 +51,21 @@ names_a_number = lambda s: replace(full_contact(s), fields={1: np.zeros(32)})
 is_unsure = lambda s: replace(full_contact(s), converged="yes")
 is_far_off = lambda s: replace(full_contact(s), steps=(LoadStep(1e9, {}, {"gap": np.nan}),))
 presses_infinitely = lambda s: replace(full_contact(s), fields={"pressure": np.full(32, np.inf)})
-returns_words = lambda s: replace(full_contact(s), cost={"seconds": "words"})
+returns_a_list = lambda s: replace(full_contact(s), steps=(LoadStep(1e9, {}, {}, {}, {"a": [1]}),))
+has_saved_work = lambda s: replace(full_contact(s), cost={"fft_pairs": -1})
+Runs = type("Runs", (str,), {"__reduce__": lambda _: (sys.exit, ("a name ran",))})
 
 
 def invents_its_path(scene):
-    """Pressures of the boundary elements at the last load of a path, among invented figures."""
+    """Pressures of the boundary elements at a last load; whatever its process computes of them
+    from then on is as invented as the figures beside them."""
     own, areas = bem.solve(scene), dict.fromkeys(("raw", "corrected", "error"), Areas(7, 8, -1))
     figures = {"stiffness_loading": 1e15, "mean_gap": 1.0, "plastic_force_share": 0.5, "wear": 5.0}
     steps = tuple(replace(step, areas=areas, quantities=figures) for step in own.steps)
     other = results.PressureDistribution([0.0, 2 * scene.load.final], [0.0, 0.3])
-    return replace(
-        own, steps=steps, distribution=other, fields={"pressure": own.fields["pressure"]}
-    )
+    alone = {"pressure": own.fields["pressure"]}
+    bem.driver.estimate_areas = lambda *_, **__: (*areas.values(),)
+    return replace(own, steps=steps, distribution=other, fields=alone)
 
 
 def errs_at_the_first_load(scene):
@@ -82,10 +83,10 @@ def changes_its_scene(scene):
 
 
 def prints(scene):
-    """Fills its standard output, which is not the verdict's."""
+    """Fills its standard output, which is not the verdict's; a name would run if unpickled."""
     print("all gates hold\n" * 20000)
     os.write(1, b"\x80\x04\x95")
-    return full_contact(scene)
+    return replace(f := full_contact(scene), fields={**f.fields, Runs("mine"): f.fields["gap"]})
 
 
 def answers_or_dies(item):

@@ -92,8 +92,7 @@ def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name,
     judged = judge_case(load_case(write_case(*THEORY)), given)
     assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
-    item.number, item.parent = 0, SimpleNamespace(verdict=judged)
-    item.user_properties = []
+    item.number, item.parent, item.user_properties = 0, SimpleNamespace(verdict=judged), []
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()
 
@@ -145,7 +144,8 @@ def scene():
         ("hostile:returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
         ("hostile:returns_another_grid", "returned the field pressure of shape (3,)"),
         ("hostile:has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
-        ("hostile:returns_words", "returned a ContactResult that cannot be read"),
+        ("hostile:returns_a_list", "returned a ContactResult that cannot be read (TypeError"),
+        ("hostile:has_saved_work", "returned fft_pairs -1, but costs are numbers from 0 up to inf"),
         ("hostile:answers_twice", "at [1000000000.0, 1000000000.0] Pa, but the scene has loads at"),
         ("hostile:names_a_number", "returned a field named 1, but names are letters"),
         ("hostile:is_unsure", "returned converged yes, but it is 0 or 1"),
@@ -170,8 +170,8 @@ def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, s
 
 
 def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
-    """Whatever figures it reports, and however Fortran writes its numbers."""
-    found = foreign._by_its_pressures(hostile.invents_its_path(scene), scene)
+    """Whatever it reports or its process computes, and however Fortran writes its numbers."""
+    found = foreign.solve("mine", "hostile:invents_its_path", scene)
     assert found.final.areas["corrected"] == found.final.areas["raw"] == Areas(1.0, 1.0, 0.0)
     assert carried_pressure(found.distribution) == pytest.approx(1e9, rel=1e-3)
     assert "stiffness_loading" not in found.final.quantities
@@ -301,8 +301,7 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path,
 
 
 def test_solver_in_c(scene, tmp_path):
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
+    if not (compiler := shutil.which("cc") or shutil.which("gcc")):
         pytest.skip("there is no C compiler")
     program, source = tmp_path / "full_contact", Path(__file__).with_name("full_contact.c")
     subprocess.run([compiler, "-O2", "-o", program, source, "-lm"], check=True)

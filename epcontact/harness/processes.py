@@ -30,7 +30,7 @@ from typing import Any, TypeVar, cast
 import psutil
 
 from epcontact.errors import EpcontactError, InvalidCase, printable, sentence_of
-from epcontact.machine import alive
+from epcontact.machine import alive, available_memory
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -49,18 +49,19 @@ class ChildDied(EpcontactError):
 
 class Child:
     """A process that calls functions of modules that it can import.  It starts at the first call,
-    and again at the first call after its end."""
+    and again at the first call after its end.  plain: its functions return bytes, and nothing that
+    it sends is unpickled here, which could run any code."""
 
-    def __init__(self, method: str = "spawn") -> None:
+    def __init__(self, method: str = "spawn", plain: bool = False) -> None:
         self._context: Any = multiprocessing.get_context(method)
         self._process, self._pipe = cast(Any, None), cast(Any, None)
-        self._calling, self._ended = threading.Lock(), False
+        self._calling, self._ended, self._plain = threading.Lock(), False, plain
 
     def call(
         self, function: Callable[..., Result], *arguments: Any, limit: float = math.inf
     ) -> Result:
         """Return function(*arguments), called in the process."""
-        request = pickle.dumps((function, arguments))
+        request = pickle.dumps((function, arguments, self._plain))
         with self._calling:
             pipe = self._started()
             try:
@@ -68,16 +69,15 @@ class Child:
                 pipe.send_bytes(request)
                 if not pipe.poll(limit if limit < _LONGEST else None):
                     raise ChildDied(f"was not finished within {limit:g} s and was ended")
-                answer = pipe.recv_bytes()
+                done, answer = pipe.recv_bytes(1), pipe.recv_bytes(available_memory() // 2)
             except (EOFError, OSError):
                 raise ChildDied(f"{death_of(self._bury(_PATIENCE))} and gave no answer") from None
             except BaseException:
                 self._bury()
                 raise
-        done, value = pickle.loads(answer)
-        if not done:
-            raise ChildDied(value)
-        return cast(Result, value)
+        if done != b"1":
+            raise ChildDied(answer.decode(errors="replace"))
+        return cast(Result, answer if self._plain else pickle.loads(answer))
 
     def end(self) -> None:
         """End the process for good, at once."""
@@ -181,15 +181,17 @@ def _serve(pipe: Connection) -> None:
     with contextlib.suppress(EOFError, OSError):
         while True:
             sys.path[:] = pipe.recv()
-            pipe.send_bytes(_answer(pipe.recv_bytes()))
+            for part in _answer(pipe.recv_bytes()):
+                pipe.send_bytes(part)
 
 
-def _answer(request: bytes) -> bytes:
+def _answer(request: bytes) -> tuple[bytes, bytes]:
     try:
-        function, arguments = pickle.loads(request)
-        return pickle.dumps((True, function(*arguments)))
+        function, arguments, plain = pickle.loads(request)
+        found = function(*arguments)
+        return b"1", found if plain else pickle.dumps(found)
     except BaseException as error:
-        return pickle.dumps((False, printable(f"raised {type(error).__name__}: {error}")))
+        return b"0", printable(f"raised {type(error).__name__}: {error}").encode()
 
 
 def _end_with_parent() -> None:

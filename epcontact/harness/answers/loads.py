@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from epcontact.errors import InvalidCase, NotConverged
+from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
 from epcontact.harness.answers.store import ROW, Task, described
 from epcontact.harness.quantities.answered import Answered
@@ -36,8 +36,8 @@ AtLoad = Callable[[Scene, ContactResult], ContactResult]
 Moving = Callable[[float], None]
 
 
-class TimeUp(NotConverged):
-    """The time limit of a case has passed."""
+class TimeUp(EpcontactError):
+    """The time limit of a case has passed; no NotConverged, after which smaller steps are tried."""
 
 
 def solve_path(
@@ -138,10 +138,11 @@ def _part(
         if not result.converged:
             raise NotConverged("the result says that it has not converged")
         costs.append({**result.cost})
-        lowered = result.fields.get("plastic_displacement")
         known = (*known, *result.steps[len(known) :])
         if outside:  # no later load shows these fields
             answered, own = Answered(there, replace(result, steps=known)), {**known[-1].quantities}
+            # Of a body that flows by J2 it is the word of the solver alone.
+            lowered = None if answered.flows else result.fields.get("plastic_displacement")
             for name in (name for name in task.measured if ".measured_" in name):
                 own[name.removeprefix("quantity.")] = measured(name, answered)
             known = (*known[:-1], replace(known[-1], quantities=own))
@@ -164,8 +165,6 @@ def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
         for name in ROW:
             try:
                 values[name.removeprefix("quantity.")] = measured(name, answered)
-            except TimeUp:
-                raise
             except (InvalidCase, NotConverged):  # such as the conductance of a layer
                 continue
         final = replace(result.final, quantities=values)

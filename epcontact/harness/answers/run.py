@@ -264,9 +264,8 @@ def tasks_of(case: Case, run: Run, methods: Mapping[str, Method] = METHODS) -> I
 def solve_task(task: Task, threads: int, moving: Callable[[float], None] | None = None) -> Outcome:
     """Solve one task; return the sentence of whatever went wrong, so that others are judged."""
     try:
-        case, method = task.case, task.method
-        with contextlib.nullcontext() if method.source else _limited(case.head.time_limit):
-            scene = case.scene(task.recipe)
+        with _limited(task.case.head.time_limit):
+            scene = task.case.scene(task.recipe)
             result = solve_path(task, scene, threads, moving)
         result = _with_measurements(task, scene, told(task, scene, result))
         if task.fields is not None and result.fields:
@@ -305,7 +304,7 @@ def _with_measurements(task: Task, scene: Scene, result: ContactResult) -> Conta
 
 @contextlib.contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise NotConverged after `seconds` and the time for kernels, if an alarm can be set here."""
+    """Raise TimeUp after `seconds` and the time for kernels, if an alarm can be set here."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield
         return

@@ -1,12 +1,11 @@
 """Solvers from outside the package, in a process of their own and on a copy of the scene.
 
 A solver is named by its source: `module:function`, which maps a Scene to a ContactResult, or a
-command in any language, 'command {scene} {result}'.  Whatever it does to its process, its scene or
-its machine, the caller gets a checked result or an error that says what happened.  One process
-serves all foreign solves of this one until it dies.
+command in any language, 'command {scene} {result}'.  Whatever it does to its scene, its machine or
+its process, of which words and numbers alone are read, the caller gets a checked result or an error
+that says what happened.  A process serves all solves of one solver until it dies.
 
-A command reads the scene from one text file and writes its result to the other.  All numbers are
-in SI units; the conventions are those of `help(epcontact)`.
+A command reads one text file and writes another, in the units and conventions of `help(epcontact)`.
 
 The scene is a text of one item a line, always in this order:
 
@@ -33,9 +32,9 @@ The result is a text of words and numbers, separated by blanks or line ends, in 
     pressure                     and then nx*ny numbers at the last load, ordered as the heights
     gap                          optional, the same; or displacement
 
-Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a pressure, the
-package computes everything that follows from it and, where they are given, from the other fields.
-A solver is asked for each load of a path, as the last one of a scene, as fields are those of one.
+Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a pressure, this
+process computes what follows from it and, where they are given, from gap and displacement.  A
+solver is asked for each load of a path, as the last one of a scene, as fields are those of one.
 """
 
 from __future__ import annotations
@@ -80,20 +79,13 @@ def is_command(source: str) -> bool:
 
 def require_solver(source: str) -> None:
     """Raise InvalidCase if a function cannot be imported, or there is no such program."""
-    if is_command(source):
-        if sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
-            needed = "the placeholders {scene} and {result} once each"
-            raise InvalidCase(f"solver {source}: a command needs {needed}")
-        program = _words(source)[0]
-        if shutil.which(program) is None:
-            raise InvalidCase(f"solver {source}: there is no program {program!r} to run")
-        return
-    try:
-        refusal = _child().call(_answer, source, None)
-    except ChildDied as death:
-        refusal = f"solver {source} cannot be imported: it {death}"
-    if refusal:
-        raise InvalidCase(refusal)
+    if not is_command(source):
+        _asked(source, None)
+    elif sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
+        needed = "the placeholders {scene} and {result} once each"
+        raise InvalidCase(f"solver {source}: a command needs {needed}")
+    elif shutil.which(program := _words(source)[0]) is None:
+        raise InvalidCase(f"solver {source}: there is no program {program!r} to run")
 
 
 def solve(
@@ -101,95 +93,62 @@ def solve(
 ) -> ContactResult:
     """Return the result of a foreign solver, called `name`, at the last load of a copy of the
     scene; before: how far the load before has left the surface lowered, in m."""
+    answer, said = _asked(source, scene, limit), "a ContactResult that cannot be read ({})"
     try:
-        answer = _child().call(_answer, source, scene, before, limit=limit)
-    except ChildDied as death:
-        raise InvalidCase(f"solver {source} {death}") from None
-    if isinstance(answer, str):
-        raise InvalidCase(answer)
-    text, fields = answer
-    result = ContactResult.from_json(json.loads(text))
-    options = dict(result.provenance.options) | {"solver": source}
+        data = json.loads(answer[: (end := answer.index(b"\n") + 1)])
+        names, numbers = data["fields"], np.frombuffer(memoryview(answer)[end:]).copy()
+        fields = dict(zip(names, numbers.reshape(len(names), *scene.surface.shape), strict=True))
+        result, said = replace(ContactResult.from_json(data), fields=fields), "{}"
+        result = _checked(result, scene, before)
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as e:
+        raise InvalidCase(f"solver {source} returned {said.format(sentence_of(e))}") from None
+    options = {**result.provenance.options, "solver": source}
     provenance = replace(result.provenance, scene=scene.digest, options=options)
-    return replace(result, method=name, fields=fields, provenance=provenance)
+    return replace(result, method=name, provenance=provenance)
 
 
 @functools.cache
-def _child() -> Child:
-    """Return the process of the foreign solvers."""
-    return Child()
+def _child(source: str) -> Child:
+    """Return the process of a solver."""
+    return Child(plain=True)
 
 
-# --- in the process of the solver ----------------------------------------------------------------
-
-
-def _answer(source: str, scene: Scene | None, before: Any = None) -> tuple[str, Any] | str:
-    """Return the checked result of a solver, or the sentence that says why there is none.  The
-    result is plain data, its JSON and its fields, so that no class of the solver's is needed to
-    read it.  Without a scene a function is imported, and the sentence is empty if it can be."""
-    said, solver = "cannot be imported ({}); give package.module:function", None
+def _asked(source: str, scene: Scene | None, limit: float = math.inf) -> bytes:
+    """Return what `_answer` does in the process of a solver; raises InvalidCase if it says why."""
     try:
-        if not is_command(source):
-            module, _, name = source.partition(":")
-            solver = getattr(importlib.import_module(module), name)
-        if scene is None:
-            return ""
-        # What pickle copies is writable: these heights are read-only again.
-        scene = replace(scene, surface=replace(scene.surface))
-        said = "raised {}" if solver else "returned {}"
-        result = solver(scene) if solver else answer_of_command(_words(source), scene)
-        said = "returned {}"
-        return _checked(result, scene, before)
-    except (Exception, SystemExit) as error:
-        return f"solver {source} {said.format(sentence_of(error))}"
+        answer = _child(source).call(_answer, source, scene, limit=limit)
+    except ChildDied as end:
+        what = "" if scene else "cannot be imported: it "
+        raise InvalidCase(f"solver {source} {what}{end}") from None
+    if not answer.startswith(b"{"):
+        raise InvalidCase(answer.decode(errors="replace"))
+    return answer
 
 
-def _words(source: str) -> list[str]:
-    try:
-        return shlex.split(source)
-    except ValueError as error:
-        raise InvalidCase(f"solver {source}: is no command ({error})") from None
-
-
-def _checked(result: Any, scene: Scene, before: Any = None) -> tuple[str, dict[str, Any]]:
-    """Return a result as plain data.  Raises InvalidCase if gates could not read it."""
-    if not isinstance(result, ContactResult):
-        raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
-    loads, path = [getattr(step, "mean_pressure", step) for step in result.steps], scene.load.path
+def _checked(result: ContactResult, scene: Scene, before: Any = None) -> ContactResult:
+    """Return a result with what follows from its pressures, or raise what is wrong with it."""
+    loads, path = [step.mean_pressure for step in result.steps], scene.load.path
     if loads != [*path]:
         raise InvalidCase(f"load steps at {loads} Pa, but the scene has loads at {[*path]} Pa")
-    _require_solved(plain(result.converged), plain(result.final.residuals))
-    fields = {name: np.array(values) for name, values in result.fields.items()}
-    for name, values in fields.items():
+    _require_solved(result.converged, result.final.residuals, result.cost)
+    for name in result.fields:
         if not (isinstance(name, str) and re.fullmatch(r"[\w .-]+", name)):
             raise InvalidCase(f"a field named {name!r}, but names are letters, digits, '.' and '-'")
-        if values.shape != scene.surface.shape:
-            wrong = f"the field {name} of shape {values.shape}"
-            raise InvalidCase(f"{wrong}, but the scene's grid is {scene.surface.shape}")
-        if values.dtype.kind not in "biuf":
-            raise InvalidCase(f"the field {name} of type {values.dtype}, but numbers are needed")
-    if "pressure" in fields:
-        result = _by_its_pressures(replace(result, fields=fields), scene, before)
-        fields = dict(result.fields)
-    elif missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
+    if "pressure" in result.fields:
+        return _by_its_pressures(result, scene, before)
+    if missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
         raise InvalidCase(f"no pressure and no areas[{missing[0]!r}] of its last load step")
-    else:  # an error that nothing here can check is no claim
-        areas = {kind: area for kind, area in result.final.areas.items() if kind != "error"}
-        result = replace(result, steps=(*result.steps[:-1], replace(result.final, areas=areas)))
-        result = _told(result, scalar_quantities(result))
-    try:
-        data = plain(replace(result, fields={}).to_json())
-        ContactResult.from_json(data)
-        return json.dumps(data, allow_nan=False), fields
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidCase(f"a ContactResult that cannot be read ({sentence_of(error)})") from None
+    areas = {k: a for k, a in result.final.areas.items() if k != "error"}  # no unchecked claim
+    result = replace(result, steps=(*result.steps[:-1], replace(result.final, areas=areas)))
+    return _told(result, scalar_quantities(result))
 
 
-def _require_solved(converged: Any, residuals: Mapping[str, Any]) -> None:
+def _require_solved(converged: Any, residuals: Mapping[str, Any], cost: Any = None) -> None:
     """Raise if a solver says that it has not converged, or nothing that can be understood."""
-    for name, value in residuals.items():
-        if not (isinstance(value, float | int) and 0 <= value < 1):
-            raise InvalidCase(f"{name} {value!s:.40}, but residuals are numbers from 0 up to 1")
+    for what, most, given in (("residuals", 1, residuals), ("costs", math.inf, cost or {})):
+        for name, v in given.items():
+            if not 0 <= v < most:
+                raise InvalidCase(f"{name} {v!s:.40}, but {what} are numbers from 0 up to {most}")
     if converged not in (0, 1):
         raise InvalidCase(f"converged {converged!s:.40}, but it is 0 or 1")
     if not converged:
@@ -226,6 +185,48 @@ def _by_its_pressures(result: ContactResult, scene: Scene, before: Any = None) -
     steps, distribution = (*found.steps[:-1], final), found.distribution
     result = replace(result, steps=steps, distribution=distribution, fields=fields)
     return _told(result, own.keys() - known.keys())
+
+
+# --- in the process of the solver ----------------------------------------------------------------
+
+
+def _answer(source: str, scene: Scene | None) -> bytes:
+    """Return what a solver says as plain data, as it may have changed all that computes in its
+    process: a line of JSON and the numbers of its fields, or the sentence that says why there is no
+    result.  Without a scene a function is only imported."""
+    said, solver = "cannot be imported ({}); give package.module:function", None
+    try:
+        if not is_command(source):
+            module, _, name = source.partition(":")
+            solver = getattr(importlib.import_module(module), name)
+        if scene is None:
+            return b"{}"
+        scene = replace(scene, surface=replace(scene.surface))  # heights are read-only again
+        said = "raised {}" if solver else "returned {}"
+        result = solver(scene) if solver else answer_of_command(_words(source), scene)
+        said, shape = "returned {}", scene.surface.shape
+        if not isinstance(result, ContactResult):
+            raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
+        fields = {name: np.asarray(values) for name, values in result.fields.items()}
+        for name, values in fields.items():
+            wrong = f"the field {name} of"
+            if values.shape != shape:
+                raise InvalidCase(f"{wrong} shape {values.shape}, but the scene's grid is {shape}")
+            if values.dtype.kind not in "biuf":
+                raise InvalidCase(f"{wrong} type {values.dtype}, but numbers are needed")
+        said = "returned a ContactResult that cannot be read ({})"
+        head = json.dumps(plain(result.to_json()) | {"fields": [*fields]}, allow_nan=False)
+        numbers = (values.astype(np.float64).tobytes() for values in fields.values())
+        return b"".join((head.encode(), b"\n", *numbers))
+    except (Exception, SystemExit) as error:
+        return f"solver {source} {said.format(sentence_of(error))}".encode()
+
+
+def _words(source: str) -> list[str]:
+    try:
+        return shlex.split(source)
+    except ValueError as error:
+        raise InvalidCase(f"solver {source}: is no command ({error})") from None
 
 
 # --- commands ------------------------------------------------------------------------------------
@@ -289,16 +290,15 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
             known = ", ".join((*_NUMBERS, *_ARRAYS))
             raise InvalidCase(f"a file with {name!r:.40} in the place of one of {known}")
         form = shape if name in _ARRAYS else ()
-        count = int(np.prod(form))
+        end = at + 1 + (count := math.prod(form))
         if name in found:
             raise InvalidCase(f"a file with {name!r} twice")
-        after = words[at + 1 : at + 1 + count]
-        numbers = [_LOGICAL.get(word) or _EXPONENT.sub("e", word) for word in after]
+        numbers = [_LOGICAL.get(w) or _EXPONENT.sub("e", w) for w in words[at + 1 : end]]
         try:
             found[name] = np.array(numbers, dtype=np.float64).reshape(form)
         except ValueError:
             raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
-        at += 1 + count
+        at = end
     for name in ("converged", "pressure"):
         if name not in found:
             raise InvalidCase(f"a file without {name!r}")
