@@ -151,16 +151,16 @@ def test_strips_around_a_plastic_core(hardness):
 
 
 def test_plastic_strips_of_any_width_on_a_line():
-    """Narrow elastic strips between apart and plastic against a grid 64 times as fine: within the
-    claims, and two fronts by a third of a spacing, the worst where a point is in the middle."""
+    """Strips of 0 to 2.4 spacings between apart and plastic against a 64 times finer grid: within the
+    claims, and two fronts by .3 spacings, or by .05 where the load tells all, as strips vanish."""
     n, share = 64, 0.487  # no number of points at the hardness carries it: the gap is not free
-    for hardness in (0.4, 0.9, 1.3, 1.6, 2.0):  # strips of 0 to 2.4 spacings
+    for hardness, most in zip((0.4, 0.9, 1.3, 1.6, 2), (0.05, 0.05, 0.3, 0.3, 0.3), strict=True):
         exact = solved(wave(64 * n), share * hardness, hardness)[1]
         for shift in (0.05, 0.3, 0.55, 0.8):
             _, located, error = solved(wave(n, shift), share * hardness, hardness)
             for part in ("total", "plastic"):
                 off = abs(getattr(located, part) - getattr(exact, part))
-                assert off < min(getattr(error, part), 0.34 / n) + 1e-6
+                assert off < min(getattr(error, part), most / n) + 1e-6
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.98, 0.995, 0.999, 0.9999])

@@ -11,11 +11,9 @@ and for the plastic part the lower two lines are added, with the contact's zones
 that of the discrete problem at a straight front of any direction theta, with an elastic strip of
 any width u beside it, and none where a step of the surface holds the front.  CORNER is what a front
 lacks by its curvature, which integrates to the Euler number; tips, zones and creases are what is
-narrower than a spacing.  On oblong cells the offset is larger (OBLONG).
-
-The load is one more measurement of the areas (`_balanced`), their errors follow from the same sums
-(`_covariance`), and `_possible` cuts off what cannot carry the load.  `rim`, `error_bars` and
-`area_bank` in `tests/laboratory` measure the constants; `epcontact chart areas` judges them.
+narrower than a spacing.  On oblong cells the offset is larger (OBLONG).  The load is one more
+measurement, and the errors follow from the same sums.  `rim`, `error_bars` and `area_bank` in
+`tests/laboratory` measure the constants.
 """
 
 from __future__ import annotations
@@ -42,6 +40,9 @@ OBLONG = 0.07
 COUNTED = 0.129
 #: Variance of the points inside, for a spacing of front (Kendall, Q. J. Math. 19 (1948) 1).
 POINTS = 0.0728
+#: Standard deviations of the place of strips narrower than a spacing, and of the load that they
+#: have too much, for each spacing of them (`area_bank`).
+NARROW, CARRIED = 0.22, 0.02
 #: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
 EDGES = 0.09
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
@@ -71,7 +72,6 @@ def estimate_areas(
 
     The error is meant to cover nine of ten errors of the corrected areas.  No large array is made.
     """
-    # Also arrays of another byte order, which compiled loops would misread.
     pressure, gap, spacing = array("pressure", pressure), array("gap", gap), listed(spacing)
     flowed = None if flowed is None else array("flowed", flowed)
     shapes = {values.shape for values in (pressure, gap, flowed) if values is not None}
@@ -170,17 +170,16 @@ def _covariance(sums: Sums, aligned: FloatArray, oblong: float, edges: float) ->
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    those at edges and kinks, and 3/2 of its doubt as far as it is alike.  What a spot lacks by its
-    curvature is known to a sixth, and to a tenth in common, a release to a quarter, the offset's
-    change with direction to a third.  A strip narrower than a spacing may be anywhere in its link.
+    those at edges and kinks, and 3/2 of its doubt as far as it is alike, a tenth or more.  What a
+    spot lacks by its curvature is known to a sixth, and to a twelfth in common (.57 to .64 on radii
+    of 1.5 to 12), a release to a quarter, the offset's change with direction to a third.
     """
-    shorter = (sums.length + sums.shared).min()
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
-    common = (1.5 * aligned * sums.doubt) ** 2 + edges**2 * (sums.held**2 + sums.kinked**2)
+    common = edges**2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
+    common += (1.5 * np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
     common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
-    common += (CORNER / 10 * sums.turn) ** 2 + (sums.released / 4) ** 2 + (STRIPS * shorter) ** 2
-    together = ANYWHERE**2 * sums.shared.mean() + (edges * (aligned * sums.shared).mean()) ** 2
-    return np.asarray(np.diag(chance + common) + together)
+    common += (STRIPS * (sums.length + sums.shared).min()) ** 2
+    return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
 
 
 def _balanced(
@@ -190,19 +189,20 @@ def _balanced(
 
     All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
     load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
-    that is right in narrow strips, where the pressure rises antisymmetrically.  Other fronts count
-    COUNTED too much for each spacing, by chance of POINTS, but at edges and kinks anything, as
-    where they run in one direction, along the grid; and TIP for each tip.
+    that is right where all are in narrow strips, as the pressure rises antisymmetrically there; if
+    not, others carry CARRIED less.  Other fronts count COUNTED too much for each spacing, by chance
+    of POINTS, but at edges and kinks anything, as where they run along the grid; and TIP a tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     counted = COUNTED * (sums.length - sums.held) + TIP * sums.tips
     carried = load - (slopes * (1, -1)) @ counted
-    anywhere = sums.held**2 + sums.kinked**2 + (aligned * sums.harmonic) ** 2
-    doubt = POINTS * sums.length + ANYWHERE**2 * anywhere
+    along = aligned * np.minimum(abs(sums.harmonic), sums.length)
+    doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2 + along**2)
+    others = CARRIED * min(contact - plastic, *sums.shared)
     gain = covariance @ slopes
-    gain /= slopes @ gain + slopes**2 @ doubt
+    gain /= slopes @ gain + slopes**2 @ doubt + others**2
     moved = areas + gain * (carried - slopes @ areas)
     return moved, covariance - np.outer(gain, slopes @ covariance)
 
