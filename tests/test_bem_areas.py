@@ -151,8 +151,8 @@ def test_strips_around_a_plastic_core(hardness):
 
 
 def test_plastic_strips_of_any_width_on_a_line():
-    """Strips of 0 to 2.4 spacings between apart and plastic against a 64 times finer grid: within the
-    claims, and two fronts by .3 spacings, or by .05 where the load tells all, as strips vanish."""
+    """Strips of 0 to 2.4 spacings between apart and plastic against a 64 times finer grid: within
+    the claims, and two fronts by .3 spacings, or by .05 where the load tells all about them."""
     n, share = 64, 0.487  # no number of points at the hardness carries it: the gap is not free
     for hardness, most in zip((0.4, 0.9, 1.3, 1.6, 2), (0.05, 0.05, 0.3, 0.3, 0.3), strict=True):
         exact = solved(wave(64 * n), share * hardness, hardness)[1]
