@@ -120,7 +120,8 @@ def sums_of_fronts(
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
     times, each = copies(pressure), np.concatenate(parts)
-    sums = Sums(*(each[name].sum(axis=0) / times for name in Sums._fields))
+    each = each.view(float).reshape(-1, 2, len(Sums._fields)).sum(axis=0)
+    sums = Sums(*(each / times).T)
     return sums, float(pressure.mean()) / earlier[1], pressure.size / times, dx / dy
 
 
@@ -212,13 +213,12 @@ def copies(pressure: FloatArray) -> int:
     count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
     close = ALIKE * float(pressure[peak] - pressure.min())
     for rows, n, first in zip((pressure, pressure.T), pressure.shape, peak, strict=True):
-        order = [(int(first) + i) % n for i in range(n)]  # the highest rows differ at once, or not
-        for times in range(n, 1, -1):
-            # What hardly changes in one step of the copies does in half of all of them.
+        for times in [k for k in range(n, 1, -1) if n % k == 0]:
+            # What hardly changes in one step of the copies does in half of all of them.  The
+            # highest rows differ at once, or not.
             steps = {n // times, n // times * (times // 2)}
-            if n % times == 0 and all(
-                np.abs(rows[i] - rows[i - step]).max() <= close for i in order for step in steps
-            ):
+            pairs = ((i % n, step) for i in range(first, first + n) for step in steps)
+            if all(np.abs(rows[i] - rows[i - step]).max() <= close for i, step in pairs):
                 count *= times
                 break
     return count
