@@ -12,8 +12,7 @@ that of the discrete problem at a straight front of any direction theta, with an
 any width u beside it, and none where a step of the surface holds the front.  CORNER is what a front
 lacks by its curvature, which integrates to the Euler number; tips, zones and creases are what is
 narrower than a spacing.  On oblong cells the offset is larger (OBLONG).  The load is one more
-measurement, and the errors follow from the same sums.  `rim`, `error_bars` and `area_bank` in
-`tests/laboratory` measure the constants.
+measurement, and the errors follow from the same sums.  `tests/laboratory` measures the constants.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ COUNTED = 0.129
 POINTS = 0.0728
 #: Standard deviations of the place of strips narrower than a spacing, and of the load that they
 #: have too much, for each spacing of them (`area_bank`).
-NARROW, CARRIED = 0.22, 0.02
+NARROW, CARRIED = 0.25, 0.03
 #: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
 EDGES = 0.09
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
@@ -190,9 +189,9 @@ def _balanced(
 
     All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
     load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
-    that is right where all are in narrow strips, as the pressure rises antisymmetrically there; if
-    not, others carry CARRIED less.  Other fronts count COUNTED too much for each spacing, by chance
-    of POINTS, but at edges and kinks anything, as where they run along the grid; and TIP a tip.
+    that is right in strips, where the pressure rises antisymmetrically, but points elsewhere may
+    carry CARRIED less.  Other fronts count COUNTED too much for each spacing, by chance of POINTS,
+    but at edges and kinks anything, as where they run along the grid; and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
@@ -201,9 +200,10 @@ def _balanced(
     carried = load - (slopes * (1, -1)) @ counted
     along = aligned * np.minimum(abs(sums.harmonic), sums.length)
     doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2 + along**2)
-    others = CARRIED * min(contact - plastic, *sums.shared)
+    elsewhere = contact - plastic - (sums.length + sums.shared).mean()
+    carry = CARRIED * np.clip(elsewhere, 0.0, sums.shared.mean())
     gain = covariance @ slopes
-    gain /= slopes @ gain + slopes**2 @ doubt + others**2
+    gain /= slopes @ gain + slopes**2 @ doubt + carry**2
     moved = areas + gain * (carried - slopes @ areas)
     return moved, covariance - np.outer(gain, slopes @ covariance)
 
