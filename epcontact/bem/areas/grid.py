@@ -81,169 +81,175 @@ class Sums(NamedTuple):
 SUMS, LINK = (np.dtype([(name, float) for name in one._fields]) for one in (Sums, Link))
 
 
-class Block(NamedTuple):
-    """The points of a block of cells, and PAD more on each side."""
-
-    v: FloatArray  # (1 or 2, rows, columns) for links along x and, where it differs, along y
-    inside: NDArray[np.uint8]  # (rows, columns) 0 where apart, 1 where elastic and 17 where plastic
-    sunk: FloatArray  # (rows, columns) c w, 0 where nothing has flowed before
-    values: FloatArray  # (9, 2 columns) of the links of a row, as of `locate`
-    links: Any  # (2, 2 columns) `Link` of even and odd rows
-    number: Any  # (2, 2, columns) of that along x and along y, from before, to a point of a row
-    cells: NDArray[np.uint16]  # (columns,) of a row that have a front or are elastic
-
-
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
     """The `Sums` (n, 2) over blocks (n, 4), first row, row after the last, and so the columns, of
     the cells of a periodic grid; offsets: at WIDTHS."""
-    found = np.zeros((len(blocks), 2), SUMS)
-    rows, columns = (blocks[:, 1::2] - blocks[:, ::2]).max(axis=0) + 2 * PAD
-    block = Block(
-        np.empty((len({*solution.stiffness}), rows, columns)),
-        np.empty((rows, columns), np.uint8),
-        np.zeros((rows, columns)),
-        np.empty((9, 2 * columns)),
-        np.empty((2, 2 * columns), LINK),
-        np.empty((2, 2, columns), np.int64),
-        np.empty(columns, np.uint16),
+    sizes, layers = blocks[:, 1::2] - blocks[:, ::2], len({*solution.stiffness})
+    rows, columns = (sizes.max(axis=0) + 2 * PAD + (0, 7)) // (1, 8) * (1, 8)
+    points, found = rows * columns, np.zeros((len(blocks), 2), SUMS)
+    (state, codes), links = np.zeros((2, points), np.uint8), points // 4 + 4 * columns  # at a time
+    block = (  # of the points of a block of cells, and PAD more on each side, row by row
+        (np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)),  # to the next
+        np.empty(layers * points),  # point, row and v, which is along x or, if it differs, y
+        state,  # 0 where apart, 1 where elastic, 2 where plastic
+        np.zeros(points if solution.flowed.size else 0),  # c w, 0 where nothing has flowed before
+        codes,  # of cells: 2^k for corners beyond the front, 16 where elastic
+        codes.view(np.uint64),  # the same memory, of eight cells at once
+        np.empty((2, points), np.uint32),  # the cells that a front crosses, and the elastic ones
+        np.empty((4, points), np.uint32),  # the links on the sides of the cells that it crosses
+        np.empty(columns, np.uint32),  # the last link along y in a column
+        np.empty((2, links), np.int32),  # the first of a link's six points, and the way on
+        np.empty((9, links)),  # of links, as of `locate`
+        np.empty(links, LINK),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
-    for k, (first, last, left, right) in enumerate(blocks):
-        ends, sums = (last - first + PAD, right - left + PAD), found[k]
-        for front in range(2 if solution.hardness < np.inf else 1):
-            _fill(block, solution, blocks[k], front)
-            _pass(block, solution, ends, table, sums[front : front + 1])
-        # What is inside the plastic front is outside its mirror image.
-        sums["area"][1], sums["turn"][1] = -sums["area"][1], -sums["turn"][1]
-        p = solution.pressure[first:last, left:right]
-        sums["points"] = np.count_nonzero(p > 0), np.count_nonzero(p >= solution.hardness)
-        sums["area"] += sums["points"]
+    _sweep(block, solution, blocks, table, found)
+    if solution.hardness < np.inf:  # inside the plastic front is outside its mirror image
+        found["points"][:, 1] = sizes.prod(axis=1) - found["points"][:, 1]
+        found["area"][:, 1], found["turn"][:, 1] = -found["area"][:, 1], -found["turn"][:, 1]
+    found["area"] += found["points"]
     return found
 
 
 @compiled
-def _fill(block: Block, solution: Solution, place: NDArray[np.int64], front: int) -> None:
-    """Fill the memory with the points of a block, or with their mirror images for front 1."""
-    (pressure, gap, hardness, stiffness, flowed, _), (first, last, left, right) = solution, place
-    (nx, ny), (v, inside, sunk) = pressure.shape, block[:3]
+def _sweep(block: Any, solution: Solution, blocks: Any, offsets: FloatArray, found: Any) -> None:
+    """Add up the `Sums` of each front over the cells of each block."""
+    (_, v, state, sunk), hardness = block[:4], solution.hardness
+    for n in range(len(blocks)):
+        _fill(block, solution, blocks[n])
+        for front in range(2 if hardness < np.inf else 1):
+            if front:  # the mirror image, which has not flowed before
+                np.subtract(hardness, v, v)
+                np.subtract(np.uint8(2), state, state)
+                sunk[:] = 0.0
+            sums, row = found[n, front], PAD
+            while row < PAD + blocks[n, 1] - blocks[n, 0]:  # as many as memory has links for
+                inside, crossed, elastic, links, row = _numbered(block, solution, blocks[n], row)
+                sums.points += inside
+                locate(block[10], links, hardness, solution.yielded, block[11])
+                for m in range(crossed):
+                    _segments(block, solution, m, offsets, sums)
+                for m in range(elastic):
+                    _hidden(block, m, hardness, sums)
+
+
+@inner
+def _fill(block: Any, solution: Solution, place: NDArray[np.int64]) -> None:
+    """Fill the memory with the points of a block."""
+    (pressure, gap, top, stiffness, flowed, _), (first, last, left, right) = solution, place
+    (_, v, state, sunk), (nx, ny), columns = block[:4], pressure.shape, len(block[8])
     for i in range(last - first + 2 * PAD):
         row, done, width = (first - PAD + i) % nx, 0, right - left + 2 * PAD
         while done < width:  # from one end of the period to the next
-            start = (left - PAD + done) % ny
+            start, at = (left - PAD + done) % ny, i * columns + done
             stop = min(ny, start + width - done)
-            p, g, states = pressure[row, start:stop], gap[row, start:stop], inside[i, done:]
-            for j in range(stop - start):
-                contact, plastic = p[j] > 0, p[j] >= hardness
-                states[j] = 17 - 16 * contact - plastic if front else contact + 16 * plastic
-            for layer in range(len(v)):
-                c, values = stiffness[layer], v[layer, i, done:]
+            p, g, states = pressure[row, start:stop], gap[row, start:stop], state[at:]
+            for layer in range(len(v) // len(state)):
+                c, values = stiffness[layer], v[layer * len(state) + at :]
                 for j in range(stop - start):
-                    depth = min(g[j], 0.0) if p[j] >= hardness else 0.0
-                    depth = max(g[j], 0.0) if p[j] <= 0 else depth
-                    value = min(max(p[j], 0.0), hardness) - c * depth
-                    values[j] = hardness - value if front else value
+                    depth = max(g[j], 0.0) if p[j] <= 0 else min(g[j], 0.0) if p[j] >= top else 0.0
+                    values[j] = min(max(p[j], 0.0), top) - c * depth
+                    states[j] = (p[j] > 0) + (p[j] >= top)
             if flowed.size:  # points that flow again are as on a first loading
                 for j in range(stop - start):
-                    again = front == 1 or p[j] >= hardness
-                    sunk[i, done + j] = 0.0 if again else stiffness[0] * flowed[row, start + j]
+                    sunk[at + j] = stiffness[0] * flowed[row, start + j] * (p[j] < top)
             done += stop - start
 
 
-@compiled
-def _pass(block: Block, solution: Solution, ends: Any, offsets: FloatArray, found: Any) -> None:
-    """Add up the `Sums` of a front over the cells of a block; ends: the row and column after it."""
-    (v, inside, _, values, links, number, cells), sums = block, found[0]
-    hardness, yielded = solution.hardness, solution.yielded
-    for i in range(PAD - 1, ends[0]):  # from the row before, which has links of the first cells
-        before, here, count, crossed = inside[i - 1], inside[i], 0, np.int64(0)  # no literal
-        for j in range(1, len(cells)):  # a loop that the compiler makes one over vectors
-            c = here[j]
-            cells[j] = (here[j - 1] != c) | (before[j - 1] != c) | (before[j] != c) | (c == 1)
-        for j in range(PAD - 1, ends[1]):
-            wanted, cells[count] = cells[j], j
-            count += wanted
-        for j in cells[:count]:
+@inner
+def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[int, ...]:
+    """Number crossed cells, elastic points and links, and gather what `locate` needs of these."""
+    (steps, v, state, sunk, codes, eights), ((cells, elastic), sides, above) = block[:6], block[6:9]
+    (first, last, left, right), columns, ((starts, ways), values) = place, len(above), block[9:11]
+    inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
+    for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
+        row, old, kept = i * columns, crossed, int(i >= begun)
+        if links + 2 * columns > len(block[11]):
+            break
+        begin, end, begun = row + PAD - 1, row + PAD + right - left, max(begun, i + 1)
+        a, b, code = state[begin - columns - 1 :], state[begin - 1 :], codes[begin:end]
+        c, d = state[begin:], state[begin - columns :]
+        for j in range(len(code)):  # of slices, the compiler makes loops over vectors
+            here = c[j] > 0
+            corners = (a[j] > 0) ^ here | ((b[j] > 0) ^ here) << 1 | ((d[j] > 0) ^ here) << 3
+            code[j] = corners | (c[j] & 1) << 4
+        for j in range(1, len(code)):
+            inside += c[j] > 0
+        codes[end : row + columns], code[0] = 0, code[0] & 15
+        for eight in range(row // 8, (row + columns) // 8):
+            if eights[eight]:
+                for k in range(8 * eight, 8 * eight + 8):  # without branches, hard to foresee
+                    cells[crossed], elastic[count] = k, k
+                    crossed += codes[k] & 15 > 0
+                    count += codes[k] >> 4
+        for m in range(old, crossed):
+            point, column = np.int64(cells[m]), np.uint64(cells[m] - np.uint64(row))
+            sides[0, m], sides[3, m] = sides[2, m - 1], above[column]
             for y in range(2):
-                if (here[j] > 0) != (inside[i - 1 + y, j - y] > 0):
-                    _cross(block, solution, (i, j, y), crossed)
-                    number[y, i & 1, j] = crossed
-                    crossed += 1
-        locate(values, crossed, hardness, yielded, links[i & 1])
-        for j in cells[:count]:
-            if i < PAD or j < PAD:
-                continue
-            a, b, c, d = before[j - 1], here[j - 1], here[j], before[j]
-            code = (a > 0) + 2 * (b > 0) + 4 * (c > 0) + 8 * (d > 0)
-            if 0 < code < 15:
-                _segments(block, solution, (i, j, code), offsets, sums)
-            if c == 1:
-                square, area = _hidden(v, (i, j), hardness)
-                sums.squares += square
-                sums.crease += area
-            elif c == 0:
-                sums.tips += _tip(v, inside, (i, j), hardness)
+                link, way = np.uint64(links), 1 if y else columns
+                starts[link] = point + np.int64(steps[2]) * y + (2 if state[point] else -3) * way
+                ways[link], sides[2 - y, m] = -way if state[point] else way, link
+                links += codes[point] >> (3 - 2 * y) & 1
+            above[column] = sides[1, m]
+        codes[begin] = 0
+        inside, crossed, count = kept * inside, kept * crossed, kept * count
+    for n in range(links):
+        for k in range(6):
+            values[k, n] = v[np.uint64(starts[n] + k * ways[n])]
+        values[6, n] = 0.0
+        if len(sunk):
+            y = int(abs(ways[n]) == 1)
+            k = starts[n] + 2 * ways[n] - y * np.int64(steps[2])
+            lost = sunk[k] * solution.stiffness[y] / solution.stiffness[0]
+            values[6, n] = lost if sunk[k + ways[n]] == 0 else -1.0 if lost > 0 else 0.0
+    return inside, crossed, count, links, begun
 
 
 @inner
-def _cross(block: Block, solution: Solution, place: tuple[int, int, int], number: int) -> None:
-    """Gather what `locate` needs of the link to a point along x or y, which a front crosses."""
-    v, inside, sunk, values = block[:4]
-    (i, j, y), (_, rows, columns), field = place, v.shape, v.reshape(-1)
-    is_inside, before = inside[i, j] > 0, (i - 1 + y, j - y)
-    step = (1 if y else columns) * (-1 if is_inside else 1)
-    here = (y * (len(v) - 1) * rows + i) * columns + j + (-2 if is_inside else -3) * step
-    for k in range(6):  # from inside
-        values[k, number] = field[np.uint64(here + k * step)]
-    last, out = (sunk[i, j], sunk[before]) if is_inside else (sunk[before], sunk[i, j])
-    aspect = solution.stiffness[y] / solution.stiffness[0]
-    values[6, number] = last * aspect if out == 0 else -1.0 if last > 0 else 0.0
-
-
-@inner
-def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, sums: Any) -> None:
-    """Add the segments of a front in a cell to the `Sums`; cell: i, j, 2^k for corners inside."""
-    v, sunk, links, number, (i, j, code) = block.v, block.sunk, block.links, block.number, cell
-    cut, saddle, straight = _CUT[code], code % 5 == 0, int(code % 3 == 0)
-    a, b, c, d = v[0, i - 1, j - 1], v[0, i, j - 1], v[0, i, j], v[0, i - 1, j]
-    e, f, g, h = v[-1, i - 1, j - 1], v[-1, i, j - 1], v[-1, i, j], v[-1, i - 1, j]
-    if saddle and a + b + c + d + e + f + g + h > 0:
-        cut ^= 1  # the inside is connected
+def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums: Any) -> None:
+    """Add the segments of a front in a cell that it crosses, and a tip, to the `Sums`."""
+    ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
+    k, q, links = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift, block[11]
+    is_point, code = int(state[k] > 0), int(codes[k]) & 15
+    if code == 0:  # before the block
+        return
+    code ^= 15 * is_point
+    cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
+    a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
+    e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
+    cut ^= saddle & int(a + b + c + d + e + f + g + h > 0)  # the inside is connected
     dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
-    square = max(dx * dx + dy * dy, 1e-300)
-    sin4 = 4 * (dx * dy / square) * ((dx - dy) * (dx + dy) / square)
-    steep, cos4 = math.sqrt(square), 1 - 8 * (dx * dy / square) ** 2
-    narrow, u = min(solution.hardness / steep, 1.0) ** 2, solution.yielded / steep
-    a, b, c, d = sunk[i - 1, j - 1], sunk[i, j - 1], sunk[i, j], sunk[i - 1, j]
-    if max(a, b, c, d) > 0:
-        dx += (b + c - a - d) / 2  # the gradient at the peak load
-        dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
-        if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
-            u = np.inf
+    inverse = 1 / max(dx * dx + dy * dy, 1e-300)
+    product, flat = dx * dy * inverse, math.sqrt(inverse)
+    sin4, cos4 = 4 * product * (dx - dy) * (dx + dy) * inverse, 1 - 8 * product * product
+    narrow, u = min(solution.hardness * flat, 1.0) ** 2, solution.yielded * flat
+    if len(sunk):
+        a, b, c, d = sunk[k - columns - unit], sunk[k - unit], sunk[k], sunk[k - columns]
+        if max(a, b, c, d) > 0:
+            dx += (b + c - a - d) / 2  # the gradient at the peak load
+            dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
+            if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
+                u = np.inf
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
-    sums.area += 1 - is_inside - ((code >> 2) & 1)  # which was counted as a point
-    for corner in range(cut, cut + (4 if saddle else 1), 2):
-        after, before = (corner + straight) & 3, (corner + 3) & 3
-        row, column = (i - (after == 3)) & 1, j - (after == 0)
-        one = links[row, number[after & 1, row, column]]
-        row, column = (i - (before == 3)) & 1, j - (before == 0)
-        other = links[row, number[before & 1, row, column]]
-        x, y = (one.place, other.place) if is_inside else (1 - one.place, 1 - other.place)
+    sums.area += 1 - is_inside - is_point  # which was counted as a point
+    for corner in range(cut, cut + 1 + 2 * saddle, 2):
+        one = links[np.uint64(sides[(corner + straight) & 3, m])]
+        other = links[np.uint64(sides[(corner + 3) & 3, m])]
+        x, y = 1 - is_inside + sign * one.place, 1 - is_inside + sign * other.place
         held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
-        if max(one.fallen, other.fallen) > 0:
+        if len(sunk) and max(one.fallen, other.fallen) > 0:
             u = solution.yielded / max(math.hypot(dx, dy), solution.yielded)
             back, gone = release(one.fallen, u), release(other.fallen, u)
-            x -= sign * back
-            y -= sign * gone
-            away = (back + gone) / 2
-        length = math.sqrt(1 + (x - y) ** 2 if straight else x * x + y * y)
-        sums.area += sign * (x + y if straight else x * y) / 2
+            x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
+        length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
+        sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
         own, free = max(narrow, held) * length, (1 - held) * length
         sums.released += away * length
         wide = u * (1 + (one.steeper + other.steeper) / 4)  # by the slope of both its fronts
         sums.offset += offsets[int(FINE * wide + 0.5) if wide < WIDTHS[-1] else -1] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
-        sums.turn += 0.0 if straight else 0.25 * sign
+        sums.turn += 0.25 * sign * (1 - straight)
         sums.zone += (one.zone + other.zone) / 2 * length
         sums.length += own
         sums.shared += length - own
@@ -251,59 +257,56 @@ def _segments(block: Block, solution: Solution, cell: Any, offsets: FloatArray, 
         sums.kinked += (one.kinked + other.kinked) / 2 * own
         sums.doubt += doubt * own * (1 - held)
         sums.chance += doubt * doubt * own * (1 - held)
+    sums.tips += _tip(block, k, solution.hardness)
 
 
 @inner
-def _tip(v: FloatArray, inside: Any, place: tuple[int, int], hardness: float) -> float:
-    """1 where a point apart is a tip, less where the strip beside it is narrow, or 0.
-
-    At most two of its eight neighbours are apart, not both on one line.  The steepest way to a
-    neighbour gives the width of the strip between this front and the other.
-    """
-    (i, j), apart, steepest = place, 0, 0.0
-    if inside[i - 1, j] == inside[i + 1, j] == 0 or inside[i, j - 1] == inside[i, j + 1] == 0:
+def _tip(block: Any, k: Any, hardness: float) -> float:
+    """1 where a point apart with at most two such neighbours, not on one line, is a tip, and less
+    by the steepest way to a neighbour, which gives the width of the strip beside the front."""
+    ((unit, columns, shift), v, state), apart, steepest = block[:3], 0, 0.0
+    along, across = state[k - unit] | state[k + unit], state[k - columns] | state[k + columns]
+    if (state[k] > 0) | (along == 0) | (across == 0):
         return 0.0
-    for a in range(i - 1, i + 2):
-        for b in range(j - 1, j + 2):
-            apart += inside[a, b] == 0
-            way = abs(v[0, a, b] + v[-1, a, b] - v[0, i, j] - v[-1, i, j]) / 2
-            steepest = max(steepest, way)
+    for row in (k - columns, k, k + columns):
+        for near in (row - unit, row, row + unit):
+            apart += state[near] == 0
+            steepest = max(steepest, abs(v[near] + v[near + shift] - v[k] - v[k + shift]) / 2)
     return 0.0 if apart > 3 else min(hardness / steepest, 1.0) ** 2
 
 
 @inner
-def _hidden(v: FloatArray, place: tuple[int, int], hardness: float) -> tuple[float, float]:
-    """(square of a gap, area at a crease) that an elastic point may hide beside it.
+def _hidden(block: Any, m: int, hardness: float, sums: Any) -> None:
+    """Add the square of a gap and the area at a crease that an elastic point may hide.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from its
     lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes
-    smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.
-
-    Along a crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap
-    shows.  A lone point may be on a wedge.
+    smoothly.  This place is at most half a cell's diagonal away, so that p1 <= p2/2 - p.  Along a
+    crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap shows.
+    A lone point may be on a wedge.
     """
-    (i, j), lowest, rise, area = place, True, 0.0, 0.0
-    here = v[0, i, j]
+    ((unit, columns, shift), v), k = block[:2], np.uint64(block[6][1, m])
+    here, lowest, rise, area = v[k], True, 0.0, 0.0
     for axis in range(2):
-        q, x, y = v[-axis], 1 - axis, axis  # (x, y) is the way across the crease
-        before, after = q[i - x, j - y], q[i + x, j + y]
+        q, across, along = (k + shift, unit, columns) if axis else (k, columns, unit)
+        before, after = v[q - across], v[q + across]
         if here > min(before, after):
             lowest = False
             continue
-        first, end = q[i - 2 * x, j - 2 * y], q[i + 2 * x, j + 2 * y]
+        first, end = v[q - across - across], v[q + across + across]
         if min(before, after) >= hardness:
             near, far = (hardness - before, hardness - after), (hardness - first, hardness - end)
             area = max(area, wedge(hardness, hardness - here, near, far))
-        alike = (before < hardness) == (after < hardness)
         before, after = min(before, hardness), min(after, hardness)
         first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
-        across, rise = max(before, after) - here, rise + before + after
-        one = min(q[i - 1, j - 1], q[i - y, j - x], q[i + x - y, j + y - x])
-        other = min(q[i + 1, j + 1], q[i + y, j + x], q[i + y - x, j + x - y])
-        if alike and min(one, other, across) > 0:
-            along = max(min(max(one, other), hardness) - here, 0.0) / (ALIKE * across)
-            width = 2 * crease(first, before, here, after, end)[0]
-            area = max(area, width * max(1 - along, 0.0))
+        rise, one, other = rise + before + after, q - along, q + along
+        one = min(v[one - across], v[one], v[one + across], hardness)
+        other = min(v[other - across], v[other], v[other + across], hardness)
+        most = ALIKE * (max(before, after) - here)  # that the pressure may change along a crease
+        change = max(max(one, other) - here, 0.0)
+        if (before < hardness) == (after < hardness) and min(one, other) > 0 and change < most:
+            area = max(area, 2 * crease(first, before, here, after, end)[0] * (1 - change / most))
+    sums.crease += area
     rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
-    gap = max(math.pi * 1.5 * (0.5 - here / rise), 0.0) if rise > 0 else 0.0  # ±0 if flat
-    return (gap**2 if lowest else 0.0), area
+    if lowest and rise > 0:  # ±0 if flat
+        sums.squares += max(math.pi * 1.5 * (0.5 - here / rise), 0.0) ** 2

@@ -119,8 +119,7 @@ def sums_of_fronts(
     with Workers(threads) as workers:
         parts = workers.each(sweep, solution, shares, offsets)
     times, each = copies(pressure), np.concatenate(parts)
-    each = each.view(float).reshape(-1, 2, len(Sums._fields)).sum(axis=0)
-    sums = Sums(*(each / times).T)
+    sums = Sums(*(each.view(float).reshape(-1, 2, len(Sums._fields)).sum(axis=0) / times).T)
     return sums, float(pressure.mean()) / earlier[1], pressure.size / times, dx / dy
 
 
@@ -213,12 +212,10 @@ def copies(pressure: FloatArray) -> int:
     count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
     close = ALIKE * float(pressure[peak] - pressure.min())
     for rows, n, first in zip((pressure, pressure.T), pressure.shape, peak, strict=True):
-        for times in [k for k in range(n, 1, -1) if n % k == 0]:
-            # What hardly changes in one step of the copies does in half of all of them.  The
-            # highest rows differ at once, or not.
-            steps = {n // times, n // times * (times // 2)}
-            pairs = ((i % n, step) for i in range(first, first + n) for step in steps)
-            if all(np.abs(rows[i] - rows[i - step]).max() <= close for i, step in pairs):
-                count *= times
+        for step in [k for k in range(1, n) if n % k == 0]:
+            both = {step, n // step // 2 * step}  # what hardly changes in one does in half of all
+            pairs = ((i % n, way) for i in range(first, first + n) for way in both)
+            if all(np.abs(rows[i] - rows[i - way]).max() <= close for i, way in pairs):
+                count *= n // step
                 break
     return count
