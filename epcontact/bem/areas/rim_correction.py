@@ -67,9 +67,8 @@ def estimate_areas(
     (dx, dy) or (dx,), in m; effective_modulus: E* in Pa, also for a layer, because short waves
     determine a rim; threads: the sums have the same bits on any number of them; flowed: of the
     pressure's shape, what earlier flow has lowered the surface by, in m, where a load is no longer
-    the largest.  Where no point flows then, nothing does, and the plastic area is 0.
-
-    The error is meant to cover nine of ten errors of the corrected areas.  No large array is made.
+    the largest.  Where no point flows then, nothing does, and the plastic area is 0.  The error is
+    meant to cover nine of ten errors of the corrected areas.  No large array is made.
     """
     pressure, gap, spacing = array("pressure", pressure), array("gap", gap), listed(spacing)
     flowed = None if flowed is None else array("flowed", flowed)
@@ -211,8 +210,9 @@ def copies(pressure: FloatArray) -> int:
     """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
     count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
     close = ALIKE * float(pressure[peak] - pressure.min())
-    for rows, n, first in zip((pressure, pressure.T), pressure.shape, peak, strict=True):
-        for step in [k for k in range(1, n) if n % k == 0]:
+    for rows, (first, at) in ((pressure, peak), (pressure.T, peak[::-1])):
+        n, line = len(rows), abs(rows[:, at] - rows[first, at]) <= close
+        for step in [k for k in range(1, n // 2 + 1) if line[first - k] and n % k == 0]:
             both = {step, n // step // 2 * step}  # what hardly changes in one does in half of all
             pairs = ((i % n, way) for i in range(first, first + n) for way in both)
             if all(np.abs(rows[i] - rows[i - way]).max() <= close for i, way in pairs):
