@@ -273,12 +273,11 @@ def test_refinement_makes_no_claim_less_true(kind, seed):
     assert all(fine <= max(1.5, coarse) for coarse, fine in pairwise(times)), times
 
 
-@pytest.mark.parametrize(
-    ("hardness", "before", "after"), [(0.3, 0.0332, 0.0195), (0.6, 0.05, 0.025), (0.3, 0.14, 0.08)]
-)
-def test_areas_after_unloading_are_those_of_finer_grids(hardness, before, after):
-    """They were up to 11 % too small and ten times less than they claimed, on all grids."""
-    exact, *found = (unloaded(64 * k, hardness, before, after) for k in (16, 1, 2, 4))
+@pytest.mark.parametrize("fall", [0.01, 0.05, 0.4])
+@pytest.mark.parametrize(("hardness", "before"), [(0.3, 0.0332), (0.6, 0.05), (0.3, 0.14)])
+def test_areas_after_unloading_are_those_of_finer_grids(hardness, before, fall):
+    """A small fall moves no front: they were off by .04 spacings as soon as nothing flowed."""
+    exact, *found = (unloaded(64 * k, hardness, before, (1 - fall) * before) for k in (16, 1, 2, 4))
     for _, corrected, error in found:
         assert abs(corrected.total - exact[1].total) <= error.total
         assert corrected.plastic == error.plastic == 0 < error.elastic == error.total

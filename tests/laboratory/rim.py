@@ -84,8 +84,8 @@ def row_period(direction, period):
 
 def link_of(v, hardness=math.inf):
     """The `Link` of six values v, from inside out, where nothing has flowed before."""
-    values, found = np.append(v, (0.0, 0.0, 0.0))[:, None], np.zeros(1, LINK)
-    locate(values, 1, hardness, hardness, found)
+    values, found = np.append(v, (0.0, 0.0, 0.0, hardness))[:, None], np.zeros(1, LINK)
+    locate(values, 1, hardness, found)
     return Link(*found[0])
 
 

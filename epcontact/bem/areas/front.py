@@ -35,8 +35,6 @@ ANYWHERE = 1 / math.sqrt(12)
 STEP = 6.0
 #: At a kink the gap's parabola closes KINK p/(p + c g) spacings too far out (`rim.calibrate_kink`).
 KINK = 0.13
-#: An edge of a flattened spot is one where the strip beside it was below this width (`area_bank`).
-EDGE = 0.75
 
 #: Compiles a function into its caller: to hand over arrays takes as long as the work.
 inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
@@ -58,11 +56,10 @@ class Link(NamedTuple):
 def release(fallen: float, u: float) -> float:
     """How far a front has come off the edge of a flattened spot, in spacings.
 
-    fallen: as of `Link`; u: width of the strip between flow and open gap at the peak of the load,
-    as of `grid`, below 1.  In the continuum this strip has the width d = 4/pi exp(e (1 - 1/u) -
-    gamma) and the pressure H (2/pi) arcsin sqrt(s/d).  Unloading takes K/sqrt(s) off, or all of it
-    up to x, where K = fallen sqrt(e)/pi H is the integral over the strip of (2/pi) sqrt(x - a)
-    dp(a).  Both ends are expanded in k = pi K/(H sqrt d).  (`rim.calibrate_release`)
+    fallen: as of `Link`; u: width of the strip at the peak load, at most 1.  In the continuum it is
+    d = 4/pi exp(e (1 - 1/u) - gamma) wide and has the pressure H (2/pi) arcsin sqrt(s/d).  A fall
+    takes K/sqrt(s) off, or all of it up to x, where K = fallen sqrt(e)/pi H is the integral over
+    the strip of (2/pi) sqrt(x - a) dp(a).  Both ends are expanded in k = pi K/(H sqrt d).
     """
     strip, square = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216), math.e * fallen**2
     k = math.sqrt(square / max(strip, 1e-300))
@@ -110,26 +107,26 @@ def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
 
 
 @compiled
-def locate(values: FloatArray, count: int, hardness: float, yielded: float, found: Any) -> None:
+def locate(values: FloatArray, count: int, hardness: float, found: Any) -> None:
     """Find the `Link` between the third of six points, which is inside, and the fourth; of many.
 
-    values: (9, n), v of `grid` at the six points, c w where flow has lowered the third by w and the
-    fourth never, negative where it has lowered both, and memory; yielded: the hardness of that
-    flow; found: (n,) records.  Unloading has taken the same from both beside a steep edge:
-    the place there is that of the peak.
+    values: (10, n), v of `grid` at the six points; flow, 0 where the third has not flowed before,
+    -1 where both have, else 1, by `fallen` more at an edge; memory; the hardness.  found: records.
     """
-    _roots(values, count, hardness)
+    _roots(values, count)
     for n in range(count):
         first, before, last, out = values[0, n], values[1, n], values[2, n], values[3, n]
-        after, end, lost, place = values[4, n], values[5, n], values[6, n], values[7, n]
-        slope, elastic, gap, link = last + lost - out, last < hardness, after <= 0, found[n]
+        after, end, flow, place = values[4, n], values[5, n], values[6, n], values[7, n]
+        elastic, gap, link = last < hardness, after <= 0, found[n]
         link.doubt = link.held = link.zone = link.kinked = link.fallen = link.steeper = 0.0
-        if lost > 0 and EDGE * slope > yielded:
-            link.place, link.fallen = min((yielded + lost) / slope, 1.0), 1 - last / yielded
+        if flow > 1:  # at the peak by the polynomial, far below it by the line
+            fallen, line = flow - 1, last / (last - out)
+            link.place = min(max(place + fallen * (line - place), 0.0), 1.0)
+            link.doubt, link.fallen = (1 - fallen) * values[8, n], fallen
             continue
         if elastic and first > before > last:
             link.steeper = (last - out) / (before - last) - 1
-        if lost == 0 and elastic and 0 < after < hardness:
+        if flow == 0 and elastic and 0 < after < hardness:
             half, shift = crease(before, last, out, after, end)
             if half > 0:
                 link.place, link.kinked = 1 - half - shift + AXIS_OFFSET, 1.0
@@ -155,11 +152,11 @@ def locate(values: FloatArray, count: int, hardness: float, yielded: float, foun
         if kink:
             place = 1 - away - KINK * last / (last - out) + AXIS_OFFSET
         link.place, link.doubt = min(max(place, 0.0), 1.0), values[8, n]
-        link.kinked = 1.0 if kink or lost > 0 else 0.0
+        link.kinked = 1.0 if kink or flow > 0 else 0.0
 
 
 @inner
-def _roots(values: FloatArray, count: int, hardness: float) -> None:
+def _roots(values: FloatArray, count: int) -> None:
     """Fill the memory with place and doubt of smooth fronts, by the polynomial.
 
     It is q0 + x (t1 + (x - 1) (t2 + (x + 1) (t3 + (x - 2) (t4 + (x + 2) t5)))), Newton's, less the
@@ -169,7 +166,7 @@ def _roots(values: FloatArray, count: int, hardness: float) -> None:
     """
     for n in range(count):
         first, before, last = values[0, n], values[1, n], values[2, n]
-        out, after, end = values[3, n], values[4, n], values[5, n]
+        out, after, end, hardness = values[3, n], values[4, n], values[5, n], values[9, n]
         elastic, gap = last < hardness, (after <= 0) & (values[6, n] >= 0)
         mix, inside, outside = MIX * elastic, INNER * elastic, OUTER * elastic
         less = 0.0 if elastic else hardness

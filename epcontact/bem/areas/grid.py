@@ -27,15 +27,15 @@ from epcontact.results import FloatArray
 #: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`).
 WIDTHS = np.array([0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.65, 2.2])
 OFFSETS = np.array([0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1982, 0.1752, 0.1706, 0.1783])
-#: Along a crease the pressure changes by less than this share of its change across, and from copy
-#: to copy of its range (`area_bank`; from 1/3 on claims of straight grooves are too small).
+#: Along a crease pressures change by less than this share, and from copy to copy (`area_bank`).
 ALIKE = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
+#: Standard deviation of the place of strips narrower than a spacing (`area_bank`).
+NARROW = 0.25
 #: Points around the cells of a block that are read, too; entries for a spacing in the offsets.
 PAD, FINE = 4, 500
-#: By the sum of 2^k over the corners inside: the corner that is cut off, or the first of the two
-#: that are on one side of the front.
+#: By the sum of 2^k over the corners inside: the one that is cut off, or the first of two.
 _CUT = np.array([0, 0, 1, 0, 2, 0, 1, 3, 3, 1, 1, 2, 0, 1, 0, 0])
 
 
@@ -92,14 +92,14 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         (np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)),  # to the next
         np.empty(layers * points),  # point, row and v, which is along x or, if it differs, y
         state,  # 0 where apart, 1 where elastic, 2 where plastic
-        np.zeros(points if solution.flowed.size else 0),  # c w, 0 where nothing has flowed before
+        np.zeros(layers * points if solution.flowed.size else 0),  # c w of the flow before, alike
         codes,  # of cells: 2^k for corners beyond the front, 16 where elastic
         codes.view(np.uint64),  # the same memory, of eight cells at once
         np.empty((2, points), np.uint32),  # the cells that a front crosses, and the elastic ones
         np.empty((4, points), np.uint32),  # the links on the sides of the cells that it crosses
         np.empty(columns, np.uint32),  # the last link along y in a column
         np.empty((2, links), np.int32),  # the first of a link's six points, and the way on
-        np.empty((9, links)),  # of links, as of `locate`
+        np.empty((10, links)),  # of links, as of `locate`
         np.empty(links, LINK),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
@@ -126,7 +126,7 @@ def _sweep(block: Any, solution: Solution, blocks: Any, offsets: FloatArray, fou
             while row < PAD + blocks[n, 1] - blocks[n, 0]:  # as many as memory has links for
                 inside, crossed, elastic, links, row = _numbered(block, solution, blocks[n], row)
                 sums.points += inside
-                locate(block[10], links, hardness, solution.yielded, block[11])
+                locate(block[10], links, hardness, block[11])
                 for m in range(crossed):
                     _segments(block, solution, m, offsets, sums)
                 for m in range(elastic):
@@ -150,9 +150,8 @@ def _fill(block: Any, solution: Solution, place: NDArray[np.int64]) -> None:
                     depth = max(g[j], 0.0) if p[j] <= 0 else min(g[j], 0.0) if p[j] >= top else 0.0
                     values[j] = min(max(p[j], 0.0), top) - c * depth
                     states[j] = (p[j] > 0) + (p[j] >= top)
-            if flowed.size:  # points that flow again are as on a first loading
-                for j in range(stop - start):
-                    sunk[at + j] = stiffness[0] * flowed[row, start + j] * (p[j] < top)
+                for j in range(stop - start if flowed.size else 0):  # not of what flows again
+                    sunk[layer * len(state) + at + j] = c * flowed[row, start + j] * (p[j] < top)
             done += stop - start
 
 
@@ -196,13 +195,23 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     for n in range(links):
         for k in range(6):
             values[k, n] = v[np.uint64(starts[n] + k * ways[n])]
-        values[6, n] = 0.0
+        values[6, n], values[9, n] = 0.0, solution.hardness
         if len(sunk):
-            y = int(abs(ways[n]) == 1)
-            k = starts[n] + 2 * ways[n] - y * np.int64(steps[2])
-            lost = sunk[k] * solution.stiffness[y] / solution.stiffness[0]
-            values[6, n] = lost if sunk[k + ways[n]] == 0 else -1.0 if lost > 0 else 0.0
+            _recall(values[:, n], sunk, starts[n], ways[n], solution.yielded)
     return inside, crossed, count, links, begun
+
+
+@inner
+def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> None:
+    """Tell a link of earlier flow.  In a strip and at an edge, points are as at the peak load."""
+    last, out = sunk[start + 2 * way], sunk[start + 3 * way]
+    edge = last > 0 == out and 0.75 * (link[2] + last - link[3]) > top  # of a strip (`area_bank`)
+    fall = top - link[2] if edge else 0.0
+    link[6] = 0.0 if last == 0 else -1.0 if out > 0 else 1 + fall / top
+    for j in range(6 if out == 0 and (edge or last == 0) else 0):
+        lost = sunk[start + j * way] if j < 3 else 0.0
+        link[j] += fall + lost
+        link[9] = min(link[9], top, link[j]) if lost > 0 else link[9]
 
 
 @inner
@@ -228,8 +237,8 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         if max(a, b, c, d) > 0:
             dx += (b + c - a - d) / 2  # the gradient at the peak load
             dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
-            if min(a, b, c, d) > 0:  # inside a flattened spot nothing moves along
-                u = np.inf
+            within = min(a, b, c, d) > 0  # a flattened spot, where nothing moves along
+            u = np.inf if within else solution.yielded / max(math.hypot(dx, dy), 1e-150)
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - is_point  # which was counted as a point
     for corner in range(cut, cut + 1 + 2 * saddle, 2):
@@ -238,8 +247,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         x, y = 1 - is_inside + sign * one.place, 1 - is_inside + sign * other.place
         held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
         if len(sunk) and max(one.fallen, other.fallen) > 0:
-            u = solution.yielded / max(math.hypot(dx, dy), solution.yielded)
-            back, gone = release(one.fallen, u), release(other.fallen, u)
+            back, gone = release(one.fallen, min(u, 1.0)), release(other.fallen, min(u, 1.0))
             x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
         length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
         sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
@@ -256,7 +264,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         sums.held += held * own
         sums.kinked += (one.kinked + other.kinked) / 2 * own
         sums.doubt += doubt * own * (1 - held)
-        sums.chance += doubt * doubt * own * (1 - held)
+        sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
     sums.tips += _tip(block, k, solution.hardness)
 
 

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
-from epcontact.bem.areas.grid import ALIKE, CORNER, OFFSETS, Solution, Sums, sweep
+from epcontact.bem.areas.grid import ALIKE, CORNER, NARROW, OFFSETS, Solution, Sums, sweep
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
@@ -35,13 +35,11 @@ HARMONIC = 0.0133
 TIP = 0.3
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
-#: Mean offset of a counted front over all directions, in spacings (`rim.front_offset`).
-COUNTED = 0.129
-#: Variance of the points inside, for a spacing of front (Kendall, Q. J. Math. 19 (1948) 1).
-POINTS = 0.0728
-#: Standard deviations of the place of strips narrower than a spacing, and of the load that they
-#: have too much, for each spacing of them (`area_bank`).
-NARROW, CARRIED = 0.25, 0.03
+#: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of the points
+#: inside for a spacing of it (Kendall, Q. J. Math. 19 (1948) 1).
+COUNTED, POINTS = 0.129, 0.0728
+#: Standard deviation of the load that strips narrower than a spacing have too much (`area_bank`).
+CARRIED = 0.03
 #: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
 EDGES = 0.09
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
@@ -133,8 +131,7 @@ def areas_of_sums(
     located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong, edges)
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
-    # The load does not tell what no point shows, as the counts lack the same: zones, which belong
-    # to the other front's inside, creases and a lone point, as uncertain as wide, and other bounds.
+    # What no point shows, the load does not tell: zones of the other front, creases, a lone point.
     located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
     unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (TIP / 2 * sums.tips) ** 2
     unseen += sums.crease**2 + (located * (sums.points == 1) * (cells > 1)) ** 2
@@ -185,17 +182,15 @@ def _balanced(
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
-    All in cells, the load by the hardness.  The elastic area carries the share phi of its hardness,
-    load = A_pl + phi (A - A_pl).  The counted points have exactly this, with a phi of their own
-    that is right in strips, where the pressure rises antisymmetrically, but points elsewhere may
-    carry CARRIED less.  Other fronts count COUNTED too much for each spacing, by chance of POINTS,
-    but at edges and kinks anything, as where they run along the grid; and TIP for each tip.
+    All in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi of the points.
+    It is right in strips, where the pressure rises antisymmetrically; points elsewhere may carry
+    CARRIED less.  Other fronts count COUNTED too much a spacing, by chance of POINTS, but anything
+    at edges, at kinks and along the grid; and TIP for each tip.
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
-    counted = COUNTED * (sums.length - sums.held) + TIP * sums.tips
-    carried = load - (slopes * (1, -1)) @ counted
+    carried = load - (slopes * (1, -1)) @ (COUNTED * (sums.length - sums.held) + TIP * sums.tips)
     along = aligned * np.minimum(abs(sums.harmonic), sums.length)
     doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2 + along**2)
     elsewhere = contact - plastic - (sums.length + sums.shared).mean()
