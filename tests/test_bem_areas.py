@@ -273,7 +273,7 @@ def test_refinement_makes_no_claim_less_true(kind, seed):
     assert all(fine <= max(1.5, coarse) for coarse, fine in pairwise(times)), times
 
 
-@pytest.mark.parametrize("fall", [0.01, 0.05, 0.4])
+@pytest.mark.parametrize("fall", [0.01, 0.05, 0.4, 0.5])
 @pytest.mark.parametrize(("hardness", "before"), [(0.3, 0.0332), (0.6, 0.05), (0.3, 0.14)])
 def test_areas_after_unloading_are_those_of_finer_grids(hardness, before, fall):
     """A small fall moves no front: they were off by .04 spacings as soon as nothing flowed."""

@@ -205,7 +205,7 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
 def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> None:
     """Tell a link of earlier flow.  In a strip and at an edge, points are as at the peak load."""
     last, out = sunk[start + 2 * way], sunk[start + 3 * way]
-    edge = last > 0 == out and 0.75 * (link[2] + last - link[3]) > top  # of a strip (`area_bank`)
+    edge = last > 0 == out and 0.75 * (link[2] + last - link[3]) > top  # u < .75 (`area_bank`)
     fall = top - link[2] if edge else 0.0
     link[6] = 0.0 if last == 0 else -1.0 if out > 0 else 1 + fall / top
     for j in range(6 if out == 0 and (edge or last == 0) else 0):
