@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from laboratory import area_bank, area_scenes, error_bars, rim
+from laboratory import area_bank, area_scenes, rim
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import sici
 
 from epcontact import bem
 from epcontact.bem.areas import front, rim_correction
-from epcontact.bem.areas.rim_correction import EDGES, copies, estimate_areas
+from epcontact.bem.areas.rim_correction import copies, estimate_areas
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.areas import solution
 from epcontact.surfaces import SelfAffine
 
@@ -65,9 +65,9 @@ def test_offsets_of_straight_fronts():
     # A diagonal front sees rows closer by sqrt 2; the cut of the integral leaves 2e-4.
     assert rim.front_offset(0.0) == pytest.approx(axis, abs=2e-4)
     assert rim.front_offset(math.pi / 4) == pytest.approx(axis / math.sqrt(2), abs=2e-4)
-    mix, next_term = sici(math.pi)[0] / math.pi, sici(2 * math.pi)[0] / (2 * math.pi)
-    wanted = (mix, mix**2 / 2 + next_term, mix**2 / 2 - next_term)
-    assert wanted == pytest.approx((front.MIX, front.INNER, front.OUTER), abs=1e-12)
+    mix, inner = sici(math.pi)[0] / math.pi, sici(2 * math.pi)[0] / (2 * math.pi)
+    wanted = (mix, mix**2 / 2 + inner)
+    assert wanted == pytest.approx((front.MIX, front.INNER), abs=1e-12)
     # What counts have too much on the mean over directions, and the variance of their chance.
     angles = (np.arange(8) + 0.5) * math.pi / 32
     mean = np.mean([rim.front_offset(angle, points=200_000) for angle in angles])
@@ -107,7 +107,7 @@ def test_gaps_that_close_before_a_kink_have_a_front_there(gaps, away):
     """Those that close a spacing or more before their first point, also as a square, are held."""
     place, _, held, _, kinked, *_ = rim.link_of([*KINK[:3], *(-gap for gap in gaps)])
     assert (held, kinked) == ((1, 0) if away == 1 else (0, 1))
-    expected = 1 - away - front.KINK * 1.5 / (1.5 + gaps[0]) + front.AXIS_OFFSET
+    expected = 1 - away + front.AXIS_OFFSET * gaps[0] / (1.5 + gaps[0])
     assert place == (0.5 if held else pytest.approx(expected))
 
 
@@ -388,6 +388,21 @@ def test_corrected_areas_can_carry_the_load_however_little_is_resolved(load, har
         assert error["total"] >= corrected["total"] - share - rounding
 
 
+@pytest.mark.parametrize("kind", ["bonded_layer", "sliding_layer"])
+def test_claims_hold_on_a_layer_thinner_than_a_spacing(kind):
+    """Its rim is not that of a half-space, so that areas are off by what the correction is off."""
+    k, times = 2 * math.pi, []
+    for seed in range(4):
+        both = []
+        for n in (32, 256):
+            surface = SelfAffine(SelfAffineSpectrum(0.8, k, k, 8 * k, 1.0), (1, 1), (n, n), seed)
+            scene = Scene(surface.build(), Material(1.0, 0.0), Load(0.1), Body(kind, 0.6 / 32))
+            both.append(bem.solve(scene).final.areas)
+        off = both[0]["corrected"].total - both[1]["corrected"].total
+        times.append(abs(off) / both[0]["error"].total)
+    assert 0.2 < max(times) <= 1
+
+
 def test_how_many_copies_a_grid_holds():
     cell, ripple = RNG(5).uniform(size=(6, 10)), wave(17)  # which hardly changes in one step
     tiled = np.tile(cell, (2, 2))
@@ -422,7 +437,7 @@ def test_the_tables_come_from_the_calibration():
     mean, amplitude, scatter = rim.calibrate_directions()
     assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
     assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=1e-4)
-    assert scatter == pytest.approx(rim_correction.HARMONIC / 3, abs=5e-4)
+    assert scatter == pytest.approx(0.4 * rim_correction.HARMONIC, abs=5e-4)
     assert rim.calibrate_corner()[0] == pytest.approx(rim_correction.CORNER, abs=0.03)
     # What the choice of positions leaves: moving all of them by a thousandth of a spacing changes
     # the table by 2.2e-4.
@@ -430,9 +445,6 @@ def test_the_tables_come_from_the_calibration():
     np.testing.assert_allclose(table[:-1], rim_correction.OFFSETS[:-1], atol=3e-4)
     assert misfit < 1e-3
     assert rim.calibrate_release() == pytest.approx(1, abs=0.1)
-    kink, scatter = rim.calibrate_kink()
-    assert kink == pytest.approx(front.KINK, abs=0.01)
-    assert scatter < 0.05
 
 
 @pytest.mark.slow
@@ -445,14 +457,3 @@ def test_scenes_that_once_were_wrong_are_within_their_claims():
     assert np.mean(times <= 1) >= 0.9
     assert (times < 1.5).all()
     assert (table["claimed"] < [1, 200, 50, 50, 70, *[50] * 6]).all()
-
-
-@pytest.mark.slow
-def test_the_error_constant_can_be_fitted_again():
-    """A small ensemble of the bank finds nothing much better than the one in use, and covers."""
-    known = error_bars.lessons(("self-affine", "turned", "worn"), range(1100, 1105), factors=(1,))
-    fit = error_bars.fitted(known)
-    best, used, tenth = (error_bars.loss(known, edges) for edges in (fit, EDGES, fit / 10))
-    assert best <= used < best + 0.2 < tenth
-    error, claim = error_bars.errors_and_claims(known, EDGES).T
-    assert np.mean(error <= claim) >= 0.8  # of 25 areas, two of three of them of sharp kinds

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.flow import LoadedSurface, loaded
-from epcontact.bem.kernel import quarter_compliance
+from epcontact.bem.kernel import quarter_compliance, surface_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import require_memory
 from epcontact.bem.problem import (
@@ -269,6 +269,7 @@ def figures(
     p, g = pressure.reshape(shape), gap.reshape(shape)
     old = None if before is None else before.reshape(shape)
     step_areas = estimate_areas(p, g, hardness, spacing, modulus, threads, flowed=old)
+    step_areas = (*step_areas[:2], _error_on_layers(scene, *step_areas))
     raw, corrected, error = (areas.total for areas in step_areas)
     moved = (abs(raw - corrected) + error) / raw if raw else 0.0
     quantities = {
@@ -284,6 +285,16 @@ def figures(
         "largest_pressure": float(pressure.max()),
     }
     return dict(zip(("raw", "corrected", "error"), step_areas, strict=True)), quantities
+
+
+def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -> Areas:
+    """The error of areas whose correction is that of a half-space.  By what share a layer is
+    stiffer against waves of two spacings, twice as much of the correction is in doubt."""
+    shortest, modulus = math.pi / max(scene.surface.spacing), effective_modulus(scene.material)
+    compliance = surface_compliance(np.array([shortest]), scene.body, scene.material)[0]
+    stiffer = 1 - compliance * modulus * shortest / 2
+    doubts = (2 * stiffer * (getattr(raw, part) - getattr(corrected, part)) for part in vars(error))
+    return Areas(*map(math.hypot, vars(error).values(), doubts))
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:

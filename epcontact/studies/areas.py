@@ -3,7 +3,7 @@
 Each member of the ensemble is a surface of one of KINDS with a load, a hardness and a number of
 points per shortest wavelength, all drawn by its seed.  Its reference is the corrected area on a
 grid FINER times as fine.  The unit of pressure is E* and the slopes of most kinds are of order 1.
-The constants of the claims come from other kinds (`laboratory.error_bars`).
+The constants of the claims come from other seeds and scenes (`laboratory.area_bank`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Measure the constants of stiffness and conductance in the limit of a vanishing spacing.
 
-They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces of
-`laboratory.error_bars`, and judged on those of `epcontact.studies.areas`, on roughness with its
-ridges along the grid and on unloaded contacts, each on grids of 3 to 16 points a shortest
-wavelength.  The truth is the limit from a finer grid.
+They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces in
+TAUGHT, and judged on those of `epcontact.studies.areas`, on roughness with its ridges along the
+grid and on unloaded contacts, each on grids of 3 to 16 points a shortest wavelength.  The truth is
+the limit from a finer grid.
 
 `sharp` and `short` minimise the mean logarithm of the error.  The claims minimise the mean of
 ln(claim) + max(0, ln(error/claim))/(1 - COVERED), as those of areas do.  `STEP` is measured on
@@ -32,9 +32,8 @@ from scipy.signal import resample
 from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
 from epcontact.harness.interface import CONSTANTS, SMOOTH, STEP, carrying, limit_of, sinking_and_rim
 from epcontact.reference.posts import FLAT_PUNCH
-from epcontact.studies.areas import KINDS, member, roughness
+from epcontact.studies.areas import KINDS, member, named, roughness
 from epcontact.studies.conductance import joint_scene
-from laboratory.error_bars import KINDS as TAUGHT
 
 #: The share of errors that are to lie within their claim.
 COVERED = 0.94
@@ -45,6 +44,96 @@ _LEAST = 3e-4
 TAUGHT_ON = ((range(1000, 1030), 48, 8), (range(2000, 2004), 160, 4))
 JUDGED_ON = ((range(100, 125), 48, 8),)
 _QUANTITIES = {"unloading": "conductance", "loading": "stiffness_loading"}
+
+
+def _waves(patch, rng, count=60):
+    """Random waves of half to all of the highest wave number, of rms slope 1."""
+    (nx, ny), (x, y) = patch.shape, patch.offsets()
+    heights, slope = np.zeros((nx, ny)), 0.0
+    for _ in range(count):
+        size, turn, phase = rng.uniform(0.5, 1), rng.uniform(0, 2 * np.pi), rng.uniform()
+        a, b = (round(patch.high * size * f(turn)) for f in (math.cos, math.sin))
+        heights += np.cos(2 * np.pi * (a * x + b * y + phase))
+        slope += 2 * np.pi**2 * (a * a + b * b)
+    return heights / math.sqrt(slope)
+
+
+def _terraces(patch, rng):
+    coarse = replace(patch, high=3)
+    above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
+    return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
+
+
+def _ripples(patch, rng):
+    x, y = patch.offsets()
+    heights = np.zeros(patch.shape)
+    for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
+        a, b = rng.choice([[1, 0], [0, 3], [1, 2], [2, 2], [4, 1]])
+        wave = np.cos(2 * np.pi * (a * x + b * y + rng.uniform()))
+        heights = heights + slope * wave / (2 * np.pi * math.hypot(a, b))
+    return heights
+
+
+def _ellipsoids(patch, rng):
+    heights = np.full(patch.shape, -np.inf)
+    for _ in range(int(rng.integers(2, 7))):
+        along, across = _turned(patch, rng)
+        bent = along**2 * rng.uniform(1, 5) + across**2 * rng.uniform(1, 5)
+        heights = np.maximum(heights, rng.uniform(0, 0.04) - bent)
+    return heights
+
+
+def _rings(patch, rng):
+    heights = np.zeros(patch.shape)
+    for _ in range(int(rng.integers(1, 3))):
+        along, across = _turned(patch, rng)
+        outer, depth = rng.uniform(0.15, 0.3), rng.uniform(0.02, 0.3)
+        away = np.hypot(along, across * rng.uniform(1, 1.5))
+        ring = (away < outer) & (away > outer * rng.choice([0.0, rng.uniform(0.3, 0.7)]))
+        heights = np.where(ring, depth, heights)
+    return heights
+
+
+def _pyramids(patch, rng):
+    along, across = _turned(patch, rng)
+    away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
+    return -rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0)
+
+
+def _grooves(patch, rng):
+    (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets()
+    across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
+    width = rng.uniform(0.1, 0.4)
+    depth = rng.uniform(0.2, 1) * np.maximum(width - across, 0) / math.hypot(a, b)
+    return 0.1 * _waves(patch, rng) - depth
+
+
+def _spikes(patch, rng):
+    heights = _waves(patch, rng)
+    for _ in range(int(rng.integers(3, 30))):
+        along, across = _turned(patch, rng)
+        height, slope = rng.uniform(0.02, 0.1), rng.uniform(2, 8)
+        heights = heights + np.maximum(height - slope * np.hypot(along, across), 0)
+    return heights
+
+
+def _lapped(patch, rng):
+    """Waves whose heights above a level are pressed together, so that the level is an edge."""
+    heights = _waves(patch, rng)
+    level = rng.uniform(0, 1.5) * heights.std()
+    return np.minimum(heights, level + rng.uniform() * (heights - level))
+
+
+def _turned(patch, rng):
+    """Distances (nx, ny) from a random centre along two random directions at right angles."""
+    (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return x * cosine + y * sine, y * cosine - x * sine
+
+
+#: Kinds of surfaces other than those of `epcontact.studies.areas`, to which constants are fitted.
+TAUGHT = {"waves": _waves, "oblong": _waves} | named(_terraces, _ripples, _ellipsoids, _rings)
+TAUGHT |= named(_pyramids, _grooves, _spikes, _lapped)
 
 
 def _along_the_grid(patch, rng):

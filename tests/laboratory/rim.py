@@ -29,8 +29,8 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, KINK, STIFFNESS, Link, locate
-from epcontact.bem.areas.grid import CORNER, LINK, OFFSETS, WIDTHS
+from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, Links, locate
+from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -83,10 +83,10 @@ def row_period(direction, period):
 
 
 def link_of(v, hardness=math.inf):
-    """The `Link` of six values v, from inside out, where nothing has flowed before."""
-    values, found = np.append(v, (0.0, 0.0, 0.0, hardness))[:, None], np.zeros(1, LINK)
-    locate(values, 1, hardness, found)
-    return Link(*found[0])
+    """The `Links` of six values v, from inside out, where nothing has flowed before, as numbers."""
+    values, found = np.append(v, (0.0, hardness, 0.0))[:, None], np.zeros((7, 1))
+    locate(values, 1, hardness, Links(*found))
+    return Links(*found[:, 0])
 
 
 def front_sums(direction, period, phase, load, hardness=math.inf):
@@ -239,32 +239,6 @@ def calibrate_oblong(aspect=2.0, points=30, shifts=24):
     return lacking / offset / math.log(aspect) ** 2
 
 
-def calibrate_kink(points=96, finer=32):
-    """(KINK, standard deviation in dx of the places with it), where a flat top ends at a kink.
-
-    Its flanks have slopes from .3 to 30 and are straight or bent either way, and the loads differ
-    by a factor of 100.  A line that is `finer` times as fine has the exact places.
-    """
-    rng, shares, surplus = np.random.default_rng(7), [], []
-    for slope in np.geomspace(0.3, 30, 24):
-        for bend, load in ((0, 5e-4), (0, 5e-3), (0, 0.05), (20, 5e-3), (20, 0.05), (-2, 0.05)):
-            centre, half = rng.uniform(size=2) * (1, 0.15) + (0, 0.15)
-            places = []
-            for n in (points * finer, points):
-                away = np.maximum(abs((np.arange(n) / n - centre + 0.5) % 1 - 0.5) - half, 0)
-                p, g, *_ = solution(-slope * (away + bend * away**2), load)
-                last = next(i for i in range(round(centre * n), 2 * n) if p[(i + 1) % n] <= 0)
-                nearby = np.arange(last - 2, last + 4) % n
-                v = p[nearby] - STIFFNESS * n * g[nearby]
-                link = link_of(v)
-                places.append((last + link.place - (0 if link.held else AXIS_OFFSET)) / n)
-            if link.kinked and v[2] > v[1]:  # the coarse line's, and no kink behind the front
-                shares.append(v[2] / (v[2] - v[3]))
-                surplus.append((places[1] - places[0]) * points + KINK * shares[-1])
-    pull = np.dot(surplus, shares) / np.dot(shares, shares)
-    return float(pull), float(np.std(surplus - pull * np.array(shares)))
-
-
 def released(heights, compliance, load, hardness, after):
     """Pressure, gap and flow of a line after unloading from a load to a share of it."""
     options = Options(tolerance=1e-8)
@@ -311,14 +285,13 @@ def main():
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude, scatter = calibrate_directions()
     print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    print("scatter of it", round(scatter, 4), "in use", HARMONIC / 3)
+    print("scatter of it", round(scatter, 4), "in use", 0.4 * HARMONIC)
     print("u     ", WIDTHS)
     table, misfit = calibrate_strips(all_directions())
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))
     print("corner", "{:.3f} +- {:.3f}".format(*calibrate_corner()), "in use", CORNER)
     print("oblong", round(calibrate_oblong(), 3), "in use", OBLONG)
     print("release", round(calibrate_release(), 3), "in use 1")
-    print("kink", "{:.3f} (places +- {:.3f})".format(*calibrate_kink()), "in use", KINK)
 
 
 if __name__ == "__main__":

@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Link, crease, inner, locate, release, wedge
+from epcontact.bem.areas.front import Links, crease, inner, locate, release, wedge
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located front there
 #: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`).
 WIDTHS = np.array([0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.65, 2.2])
-OFFSETS = np.array([0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1982, 0.1752, 0.1706, 0.1783])
+OFFSETS = np.array([0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1981, 0.1753, 0.1706, 0.1786])
 #: Along a crease pressures change by less than this share, and from copy to copy (`area_bank`).
 ALIKE = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
@@ -77,8 +77,8 @@ class Sums(NamedTuple):
     chance: FloatArray  # and times its square
 
 
-#: The `Sums` of a front and its `Link` as records.
-SUMS, LINK = (np.dtype([(name, float) for name in one._fields]) for one in (Sums, Link))
+#: The `Sums` of a front as a record.
+SUMS = np.dtype([(name, float) for name in Sums._fields])
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
@@ -99,8 +99,8 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
         np.empty((4, points), np.uint32),  # the links on the sides of the cells that it crosses
         np.empty(columns, np.uint32),  # the last link along y in a column
         np.empty((2, links), np.int32),  # the first of a link's six points, and the way on
-        np.empty((10, links)),  # of links, as of `locate`
-        np.empty(links, LINK),
+        np.empty((9, links)),  # of links, as of `locate`
+        Links(*np.empty((len(Links._fields), links))),
     )
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
     _sweep(block, solution, blocks, table, found)
@@ -163,7 +163,7 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
     for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
         row, old, kept = i * columns, crossed, int(i >= begun)
-        if links + 2 * columns > len(block[11]):
+        if links + 2 * columns > len(ways):
             break
         begin, end, begun = row + PAD - 1, row + PAD + right - left, max(begun, i + 1)
         a, b, code = state[begin - columns - 1 :], state[begin - 1 :], codes[begin:end]
@@ -195,7 +195,7 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     for n in range(links):
         for k in range(6):
             values[k, n] = v[np.uint64(starts[n] + k * ways[n])]
-        values[6, n], values[9, n] = 0.0, solution.hardness
+        values[6, n], values[7, n] = 0.0, solution.hardness
         if len(sunk):
             _recall(values[:, n], sunk, starts[n], ways[n], solution.yielded)
     return inside, crossed, count, links, begun
@@ -205,13 +205,13 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
 def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> None:
     """Tell a link of earlier flow.  In a strip and at an edge, points are as at the peak load."""
     last, out = sunk[start + 2 * way], sunk[start + 3 * way]
-    edge = last > 0 == out and 0.75 * (link[2] + last - link[3]) > top  # u < .75 (`area_bank`)
+    edge = last > 0 == out and (1 - NARROW) * (link[2] + last - link[3]) > top
     fall = top - link[2] if edge else 0.0
     link[6] = 0.0 if last == 0 else -1.0 if out > 0 else 1 + fall / top
     for j in range(6 if out == 0 and (edge or last == 0) else 0):
         lost = sunk[start + j * way] if j < 3 else 0.0
         link[j] += fall + lost
-        link[9] = min(link[9], top, link[j]) if lost > 0 else link[9]
+        link[7] = min(link[7], top, link[j]) if lost > 0 else link[7]
 
 
 @inner
@@ -219,6 +219,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
     """Add the segments of a front in a cell that it crosses, and a tip, to the `Sums`."""
     ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
     k, q, links = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift, block[11]
+    place, doubts, held_by = links[:3]
     is_point, code = int(state[k] > 0), int(codes[k]) & 15
     if code == 0:  # before the block
         return
@@ -242,27 +243,30 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - is_point  # which was counted as a point
     for corner in range(cut, cut + 1 + 2 * saddle, 2):
-        one = links[np.uint64(sides[(corner + straight) & 3, m])]
-        other = links[np.uint64(sides[(corner + 3) & 3, m])]
-        x, y = 1 - is_inside + sign * one.place, 1 - is_inside + sign * other.place
-        held, doubt, away = (one.held + other.held) / 2, (one.doubt + other.doubt) / 2, 0.0
-        if len(sunk) and max(one.fallen, other.fallen) > 0:
-            back, gone = release(one.fallen, min(u, 1.0)), release(other.fallen, min(u, 1.0))
+        one = np.uint64(sides[(corner + straight) & 3, m])
+        other, away = np.uint64(sides[(corner + 3) & 3, m]), 0.0
+        x, y = 1 - is_inside + sign * place[one], 1 - is_inside + sign * place[other]
+        held, doubt = (held_by[one] + held_by[other]) / 2, (doubts[one] + doubts[other]) / 2
+        if len(sunk) and max(links.fallen[one], links.fallen[other]) > 0:
+            back = release(links.fallen[one], min(u, 1.0))
+            gone = release(links.fallen[other], min(u, 1.0))
             x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
         length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
         sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
         own, free = max(narrow, held) * length, (1 - held) * length
         sums.released += away * length
-        wide = u * (1 + (one.steeper + other.steeper) / 4)  # by the slope of both its fronts
+        wide = u * (
+            1 + (links.steeper[one] + links.steeper[other]) / 4
+        )  # by the slope of both its fronts
         sums.offset += offsets[int(FINE * wide + 0.5) if wide < WIDTHS[-1] else -1] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.25 * sign * (1 - straight)
-        sums.zone += (one.zone + other.zone) / 2 * length
+        sums.zone += (links.zone[one] + links.zone[other]) / 2 * length
         sums.length += own
         sums.shared += length - own
         sums.held += held * own
-        sums.kinked += (one.kinked + other.kinked) / 2 * own
+        sums.kinked += (links.kinked[one] + links.kinked[other]) / 2 * own
         sums.doubt += doubt * own * (1 - held)
         sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
     sums.tips += _tip(block, k, solution.hardness)

@@ -30,9 +30,9 @@ from epcontact.results import Areas, FloatArray
 from epcontact.scene import array, listed, number
 
 #: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
-HARMONIC = 0.0133
-#: Cells missed for each tip (`error_bars.fitted_tip`: 0.26 on smooth kinds, 0.51 with sharp ones).
-TIP = 0.3
+HARMONIC = 0.0127
+#: Cells missed for each tip of a contact thinner than a spacing: it is round as half a spot is.
+TIP = CORNER / 2
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
 #: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of the points
@@ -40,8 +40,6 @@ OBLONG = 0.07
 COUNTED, POINTS = 0.129, 0.0728
 #: Standard deviation of the load that strips narrower than a spacing have too much (`area_bank`).
 CARRIED = 0.03
-#: Standard deviation of the place of all fronts at edges and kinks together (`error_bars`).
-EDGES = 0.09
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -61,12 +59,13 @@ def estimate_areas(
 ) -> tuple[Areas, Areas, Areas]:
     """(raw, corrected, error) areas as fractions of the nominal area, from one converged solution.
 
-    pressure, gap: (nx, ny) or (nx,), in Pa and m; hardness: in Pa, may be infinite; spacing:
-    (dx, dy) or (dx,), in m; effective_modulus: E* in Pa, also for a layer, because short waves
-    determine a rim; threads: the sums have the same bits on any number of them; flowed: of the
-    pressure's shape, what earlier flow has lowered the surface by, in m, where a load is no longer
-    the largest.  Where no point flows then, nothing does, and the plastic area is 0.  The error is
-    meant to cover nine of ten errors of the corrected areas.  No large array is made.
+    pressure, gap: (nx, ny) or (nx,), in Pa and m, the gap positive where apart, and minus all flow
+    where plastic; hardness: in Pa, may be infinite; spacing: (dx, dy) or (dx,), in m;
+    effective_modulus: E* in Pa, also for a layer, because short waves determine a rim; threads: the
+    sums have the same bits on any number of them; flowed: of the pressure's shape, what earlier
+    flow has lowered the surface by, in m, where a load is no longer the largest; the gap is that to
+    the lowered surface.  Where no point flows then, nothing does, and the plastic area is 0.  The
+    error is meant to cover nine of ten errors of the corrected areas.  No large array is made.
     """
     pressure, gap, spacing = array("pressure", pressure), array("gap", gap), listed(spacing)
     flowed = None if flowed is None else array("flowed", flowed)
@@ -120,15 +119,16 @@ def sums_of_fronts(
     return sums, float(pressure.mean()) / earlier[1], pressure.size / times, dx / dy
 
 
-def areas_of_sums(
-    sums: Sums, share: float, cells: float, aspect: float, edges: float = EDGES
-) -> tuple[Areas, Areas]:
+def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tuple[Areas, Areas]:
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
     free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
     aligned = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
-    located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong, edges)
+    located, covariance = (
+        located_areas(sums, oblong),
+        _covariance(sums, aligned, oblong),
+    )
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
     # What no point shows, the load does not tell: zones of the other front, creases, a lone point.
@@ -161,18 +161,18 @@ def located_areas(sums: Sums, oblong: float) -> FloatArray:
     return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
-def _covariance(sums: Sums, aligned: FloatArray, oblong: float, edges: float) -> FloatArray:
+def _covariance(sums: Sums, aligned: FloatArray, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    those at edges and kinks, and 3/2 of its doubt as far as it is alike, a tenth or more.  What a
-    spot lacks by its curvature is known to a sixth, and to a twelfth in common (.57 to .64 on radii
-    of 1.5 to 12), a release to a quarter, the offset's change with direction to a third.
+    its doubt as far as it is alike, a tenth or more, and a third of a link at edges and kinks.
+    What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
+    on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
     """
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
-    common = edges**2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
-    common += (1.5 * np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
-    common += (HARMONIC / 3 * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
+    common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
+    common += (np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
+    common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (STRIPS * (sums.length + sums.shared).min()) ** 2
     return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
 
