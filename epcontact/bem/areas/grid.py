@@ -178,7 +178,7 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
         for eight in range(row // 8, (row + columns) // 8):
             if eights[eight]:
                 for k in range(8 * eight, 8 * eight + 8):  # without branches, hard to foresee
-                    cells[crossed], elastic[count] = k, k
+                    cells[np.uint64(crossed)], elastic[np.uint64(count)] = k, k
                     crossed += codes[k] & 15 > 0
                     count += codes[k] >> 4
         for m in range(old, crossed):
@@ -258,7 +258,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         wide = u * (
             1 + (links.steeper[one] + links.steeper[other]) / 4
         )  # by the slope of both its fronts
-        sums.offset += offsets[int(FINE * wide + 0.5) if wide < WIDTHS[-1] else -1] * free
+        sums.offset += offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.25 * sign * (1 - straight)

@@ -69,7 +69,8 @@ def estimate_areas(
     """
     pressure, gap, spacing = array("pressure", pressure), array("gap", gap), listed(spacing)
     flowed = None if flowed is None else array("flowed", flowed)
-    shapes = {values.shape for values in (pressure, gap, flowed) if values is not None}
+    given = {"pressure": pressure, "gap": gap} | ({} if flowed is None else {"flowed": flowed})
+    shapes = {values.shape for values in given.values()}
     if len(shapes) > 1 or len(spacing) != pressure.ndim or pressure.ndim not in (1, 2):
         raise InvalidScene(
             f"arrays of {sorted(shapes)} points and {len(spacing)} spacings do not fit: "
@@ -80,10 +81,13 @@ def estimate_areas(
     effective_modulus = number(
         "effective_modulus", effective_modulus, "positive, in Pa", lambda v: 0 < v < math.inf
     )
-    for name, values in (("pressure", pressure), ("gap", gap), ("flowed", flowed)):
-        if values is not None and not (values.size and math.isfinite(values.sum())):
+    ends = {
+        k: (float(v.min()), float(v.max())) if v.size else (0.0, math.nan) for k, v in given.items()
+    }
+    for name, (least, most) in ends.items():
+        if not math.isfinite(most - least):
             raise InvalidScene(f"{name} is empty or holds NaN or infinite numbers: all are finite")
-    if pressure.min() < 0 or pressure.max() * _ROUNDING > hardness:
+    if ends["pressure"][0] < 0 or ends["pressure"][1] * _ROUNDING > hardness:
         raise InvalidScene("a pressure is negative or above the hardness: all are from 0 to it")
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
     return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
