@@ -54,10 +54,10 @@ class Links(NamedTuple):
 def release(fallen: float, u: float) -> float:
     """How far a front has come off the edge of a flattened spot, in spacings.
 
-    fallen: as of `Link`; u: width of the strip at the peak load, at most 1.  In the continuum it is
-    d = 4/pi exp(e (1 - 1/u) - gamma) wide and has the pressure H (2/pi) arcsin sqrt(s/d).  A fall
-    takes K/sqrt(s) off, or all of it up to x, where K = fallen sqrt(e)/pi H is the integral over
-    the strip of (2/pi) sqrt(x - a) dp(a).  Both ends are expanded in k = pi K/(H sqrt d).
+    fallen: as of `Links`; u: width of the strip at the peak load, at most 1.  In the continuum it
+    is d = 4/pi exp(e (1 - 1/u) - gamma) wide and has the pressure H (2/pi) arcsin sqrt(s/d).  A
+    fall takes K/sqrt(s) off, or all of it up to x, where K = fallen sqrt(e)/pi H is the integral
+    over the strip of (2/pi) sqrt(x - a) dp(a).  Both ends are expanded in k = pi K/(H sqrt d).
     """
     strip, square = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216), math.e * fallen**2
     k = math.sqrt(square / max(strip, 1e-300))
@@ -173,7 +173,7 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         smooth = (not peak) | (abs(t3 - other) <= 8 / 3 * abs(t3))
         square, cube = (t2, t3) if contact else (t3, 0.0)
         x, slope = -q0 / t1, t1 - square - cube
-        for _ in range(2):  # steps of Halley's, which err less than the root
+        for _ in range(2):  # steps of Halley's method: areas err less than with the exact root
             value = q0 + x * (slope + x * (square + x * cube))
             bend = square + 3 * x * cube
             rate = slope + x * (square + bend)
