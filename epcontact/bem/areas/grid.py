@@ -53,9 +53,9 @@ class Solution(NamedTuple):
 class Sums(NamedTuple):
     """Sums over the fronts around the contact and around its plastic part: (..., 2 fronts).
 
-    Lengths are in spacings; "free" ones are not held by an edge of the surface.  A front of u < 1
-    spacings, the width hardness/|grad v| of the elastic strip beside it, moves with the other front
-    there: the share u^2 of it is its own.
+    Lengths are in spacings; "free" ones are not held by an edge of the surface.  Where the elastic
+    strip beside a front is u = hardness/|grad v| < 1 spacings wide, the two fronts move together,
+    and only a share u^2 of the length counts as this front's own.
     """
 
     points: FloatArray  # inside the front

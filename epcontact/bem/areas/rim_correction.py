@@ -7,12 +7,13 @@ mirror image.  In cells, with lengths in spacings, the contact is
         - (integral of offset(u) + HARMONIC cos 4 theta along the front) - TIP * (number of tips)
         - (zones that the plastic front tells, and creases, that show no point)
 
-and for the plastic part the lower two lines are added, with the contact's zones.  The offset is
-that of the discrete problem at a straight front of any direction theta, with an elastic strip of
-any width u beside it, and none where a step of the surface holds the front.  CORNER is what a front
-lacks by its curvature, which integrates to the Euler number; tips, zones and creases are what is
-narrower than a spacing.  On oblong cells the offset is larger (OBLONG).  The load is one more
-measurement, and the errors follow from the same sums.  `tests/laboratory` measures the constants.
+and its plastic part has the terms of the last two lines added, with zones that the front of the
+contact tells.  The offset is that of the discrete problem at a straight front of any direction
+theta, with an elastic strip of any width u beside it, and none where a step of the surface holds
+the front.  CORNER is what a front lacks by its curvature, which integrates to the Euler number;
+tips, zones and creases are what is narrower than a spacing.  On oblong cells the offset is larger
+(OBLONG).  The load is one more measurement, and the errors follow from the same sums.
+`tests/laboratory` measures the constants.
 """
 
 from __future__ import annotations
