@@ -6,8 +6,8 @@ grid and on unloaded contacts, each on grids of 3 to 16 points a shortest wavele
 the limit from a finer grid.
 
 `sharp` and `short` minimise the mean logarithm of the error.  The claims minimise the mean of
-ln(claim) + max(0, ln(error/claim))/(1 - COVERED), as those of areas do.  `STEP` is measured on
-punches that are discs, which have a closed form.
+ln(claim) + max(0, ln(error/claim))/(1 - COVERED).  `STEP` is measured on punches that are discs,
+which have a closed form.
 
 `python -m laboratory.interface` prints the constants in use, those that the ensemble and its halves
 give, and the table of the kinds on which they are judged, in some fifteen minutes of one core.

@@ -1,4 +1,4 @@
-"""Where a front is: its place between two grid points, exact for a straight front along the grid.
+"""Where a front is: its place between two grid points, by what is exact for fronts along the grid.
 
 Between apart and elastic points the discrete problem on the half-line is solved by a Wiener-Hopf
 factorisation S_- S_+ of the compliance 2/(E* |q|), |q| < pi/dx.  In the continuum the pressure
@@ -42,7 +42,7 @@ class Links(NamedTuple):
     """What is found on links (n,) between two points that a front crosses, in spacings."""
 
     place: FloatArray  # of the root of q from the point inside; 1/2 where a step holds the front
-    doubt: FloatArray  # by how much the last term of the polynomial moves it: it may be there
+    doubt: FloatArray  # how far out it may be instead: what the polynomial's last term moves it by
     held: FloatArray  # 1 if a step of the surface holds the front: any place is equally likely
     zone: FloatArray  # width of the zone at an edge that must be plastic, but shows no point
     kinked: FloatArray  # 1 at a kink, and where the point inside has flowed before
@@ -166,19 +166,21 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         t3 = ((after - mix * out - q0) / 2 - t1 - t2) / (3.0 if contact else 1.0) if gap else 0.0
         known = t3 * (0.375 if contact else 0.25) if gap else t2 / 4  # in the middle of the link
         known = min(max(known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
-        # Where the pressure peaks one point inside, a kink may be there, unless the cubic through
-        # q(-2) differs less in the middle of the link than the last term is large.
+        # Where the pressure peaks one point inside, the front may be at a kink there, so that it is
+        # AXIS_OFFSET too far out, unless the cubic through q(-2) differs less in the middle of the
+        # link than the last term is large.
         other = t2 - ((first + MIX * before + (INNER - 1) * last) / 2 + t1) / 3
         peak = elastic & contact & gap & (first > 0) & (before > max(first, last))
         smooth = (not peak) | (abs(t3 - other) <= 8 / 3 * abs(t3))
         square, cube = (t2, t3) if contact else (t3, 0.0)
         x, slope = -q0 / t1, t1 - square - cube
-        for _ in range(2):  # steps of Halley's method: areas err less than with the exact root
+        for _ in range(2):  # steps of Halley's method: areas err as little as with the exact root
             value = q0 + x * (slope + x * (square + x * cube))
             bend = square + 3 * x * cube
             rate = slope + x * (square + bend)
             steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else t1
             x = min(max(x - value / steep, 0.0), 1.0)
+        # Where the last point is plastic, q tells how far the front is off the root of a line in v.
         place[n] = min(max(x + last / (last - out) + q0 / t1, 0.0), 1.0)
         doubt[n] = known if smooth else -AXIS_OFFSET
         held[n], zone[n], kinked[n], fallen[n] = 0.0, 0.0, 0.0, 0.0

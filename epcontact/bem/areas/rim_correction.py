@@ -39,7 +39,8 @@ OBLONG = 0.07
 #: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of the points
 #: inside for a spacing of it (Kendall, Q. J. Math. 19 (1948) 1).
 COUNTED, POINTS = 0.129, 0.0728
-#: Standard deviation of the load that strips narrower than a spacing have too much (`area_bank`).
+#: Standard deviation of the load that strips narrower than a spacing have too much (chosen on
+#: `area_bank`).
 CARRIED = 0.03
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
@@ -170,13 +171,13 @@ def _covariance(sums: Sums, aligned: FloatArray, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    its doubt as far as it is alike, a tenth or more, and a third of a link at edges and kinks.
+    5/4 of its doubt as far as it is alike, a tenth or more, and ANYWHERE/3 at edges and kinks.
     What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
     on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
     """
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
     common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
-    common += (np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
+    common += (1.25 * np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
     common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (STRIPS * (sums.length + sums.shared).min()) ** 2
     return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
