@@ -27,12 +27,11 @@ from epcontact.results import FloatArray
 #: (`rim.calibrate_strips`); the last is that of a front alone (`rim.calibrate_directions`).
 WIDTHS = np.array([0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.65, 2.2])
 OFFSETS = np.array([0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1981, 0.1753, 0.1706, 0.1786])
-#: Along a crease pressures change by less than this share, and from copy to copy (chosen on
-#: `area_bank`, as what follows).
+#: Along a crease and from copy to copy pressures change by less than this share (`area_bank`).
 ALIKE = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
-#: Standard deviation of the place of strips narrower than a spacing.
+#: Standard deviation of the place of strips narrower than a spacing (chosen on `area_bank`).
 NARROW = 0.25
 #: Points around the cells of a block that are read, too; entries for a spacing in the offsets.
 PAD, FINE = 4, 500

@@ -39,8 +39,7 @@ OBLONG = 0.07
 #: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of the points
 #: inside for a spacing of it (Kendall, Q. J. Math. 19 (1948) 1).
 COUNTED, POINTS = 0.129, 0.0728
-#: Standard deviation of the load that strips narrower than a spacing have too much (chosen on
-#: `area_bank`).
+#: Standard deviation of the load that strips as of NARROW have too much (chosen on `area_bank`).
 CARRIED = 0.03
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
