@@ -84,7 +84,7 @@ def row_period(direction, period):
 
 def link_of(v, hardness=math.inf):
     """The `Links` of six values v, from inside out, where nothing has flowed before, as numbers."""
-    values, found = np.append(v, (0.0, hardness, 0.0))[:, None], np.zeros((7, 1))
+    values, found = np.append(v, (0.0, hardness, 0.0))[:, None], np.zeros((len(Links._fields), 1))
     locate(values, 1, hardness, Links(*found))
     return Links(*found[:, 0])
 

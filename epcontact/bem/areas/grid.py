@@ -218,8 +218,8 @@ def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> No
 def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums: Any) -> None:
     """Add the segments of a front in a cell that it crosses, and a tip, to the `Sums`."""
     ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
-    k, q, links = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift, block[11]
-    place, doubts, held_by = links[:3]
+    k, q = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift
+    place, doubts, holds, zones, kinks, falls, steeper = block[11]
     is_point, code = int(state[k] > 0), int(codes[k]) & 15
     if code == 0:  # before the block
         return
@@ -246,27 +246,24 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         one = np.uint64(sides[(corner + straight) & 3, m])
         other, away = np.uint64(sides[(corner + 3) & 3, m]), 0.0
         x, y = 1 - is_inside + sign * place[one], 1 - is_inside + sign * place[other]
-        held, doubt = (held_by[one] + held_by[other]) / 2, (doubts[one] + doubts[other]) / 2
-        if len(sunk) and max(links.fallen[one], links.fallen[other]) > 0:
-            back = release(links.fallen[one], min(u, 1.0))
-            gone = release(links.fallen[other], min(u, 1.0))
+        held, doubt = (holds[one] + holds[other]) / 2, (doubts[one] + doubts[other]) / 2
+        if len(sunk) and max(falls[one], falls[other]) > 0:
+            back, gone = release(falls[one], min(u, 1.0)), release(falls[other], min(u, 1.0))
             x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
         length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
         sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
         own, free = max(narrow, held) * length, (1 - held) * length
         sums.released += away * length
-        wide = u * (
-            1 + (links.steeper[one] + links.steeper[other]) / 4
-        )  # by the slope of both its fronts
+        wide = u * (1 + (steeper[one] + steeper[other]) / 4)  # by the slope of both its fronts
         sums.offset += offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
         sums.harmonic += cos4 * free
         sums.sine += sin4 * free
         sums.turn += 0.25 * sign * (1 - straight)
-        sums.zone += (links.zone[one] + links.zone[other]) / 2 * length
+        sums.zone += (zones[one] + zones[other]) / 2 * length
         sums.length += own
         sums.shared += length - own
         sums.held += held * own
-        sums.kinked += (links.kinked[one] + links.kinked[other]) / 2 * own
+        sums.kinked += (kinks[one] + kinks[other]) / 2 * own
         sums.doubt += doubt * own * (1 - held)
         sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
     sums.tips += _tip(block, k, solution.hardness)

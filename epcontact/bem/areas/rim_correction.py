@@ -130,10 +130,7 @@ def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tupl
     oblong = OBLONG * math.log(aspect) ** 2
     free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
     aligned = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
-    located, covariance = (
-        located_areas(sums, oblong),
-        _covariance(sums, aligned, oblong),
-    )
+    located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong)
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
     # What no point shows, the load does not tell: zones of the other front, creases, a lone point.
