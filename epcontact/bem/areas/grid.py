@@ -122,7 +122,7 @@ def _sweep(block: Any, solution: Solution, blocks: Any, offsets: FloatArray, fou
                 np.subtract(hardness, v, v)
                 np.subtract(np.uint8(2), state, state)
                 sunk[:] = 0.0
-            sums, row = found[n, front], PAD
+            sums, row = found[n, front], np.int64(PAD)
             while row < PAD + blocks[n, 1] - blocks[n, 0]:  # as many as memory has links for
                 inside, crossed, elastic, links, row = _numbered(block, solution, blocks[n], row)
                 sums.points += inside
