@@ -59,6 +59,17 @@ def _blasted(patch, rng):
     return heights + rng.uniform(0, 0.1) * roughness(patch, rng, 0.8, 0.8)
 
 
+def _domed(patch, rng):
+    """Round tops of bumps and ridges, and slopes beyond an edge around them."""
+    heights = np.full(patch.shape, -np.inf)
+    for _ in range(int(rng.integers(1, 5))):
+        x, y = patch.offsets(rng.uniform(size=2))
+        r, top = np.hypot(x, y * rng.choice([0, 1, 1.5])), rng.uniform(0.08, 0.25)
+        radius, slope = 10 ** rng.uniform((-0.3, -1), (1, 0.5))
+        heights = np.maximum(heights, -(r**2) / 2 / radius - slope * np.maximum(r - top, 0))
+    return heights
+
+
 def _ground(patch, rng):
     """Roughness whose waves are many times longer along one direction."""
     modes, n = np.fft.rfft2(roughness(patch, rng, 0.5, 0.95)), patch.shape[0]
@@ -97,7 +108,7 @@ def _line(patch, rng):
 
 
 KINDS: dict[str, Maker] = {"self-affine": _rough, "oblong cells": _rough, "layers": _rough}
-KINDS |= named(_noisy, _ground, _turned, _blasted, _copies) | {"worn": _wear}
+KINDS |= named(_noisy, _ground, _turned, _blasted, _copies, _domed) | {"worn": _wear}
 KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")}
 KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
 KINDS |= {
@@ -110,7 +121,7 @@ KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
 
 
 #: Kinds with edges, ridges or steps; those that are neither these nor unloaded are smooth.
-SHARP = ("turned", "blasted", "copies", "worn", "punches", "outliers", "quantised")
+SHARP = ("turned", "blasted", "domed", "copies", "worn", "punches", "outliers", "quantised")
 
 
 @dataclass(frozen=True)

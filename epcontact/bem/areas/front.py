@@ -11,7 +11,9 @@ the gaps outwards.  With c = pi E*/(2 e dx) and b = Si(pi)/pi, to a common facto
     q(1) = -c g_1,  q(2) = -c (g_2 - b g_1).
 
 The front is AXIS_OFFSET dx short of the root, between 0 and 1, of the cubic through the last
-four, or of the polynomial through those of them that this contact and this gap have.
+four, or of the polynomial through those that this contact and this gap have.  Where q falls at
+once, beyond an edge of the surface, the parabola through the first three has the root, because
+what is cut away outside a contact does not change it.
 """
 
 from __future__ import annotations
@@ -104,6 +106,20 @@ def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
     return load / hardness * max(1 - 2 * nome, 0.0) ** 2
 
 
+@inner
+def inside(first: float, before: float, last: float) -> tuple[float, float]:
+    """By how much q falls from the point before to the last one, and how much more than before."""
+    fall = before + (MIX - 1) * last
+    return fall, fall - (first + (MIX - 1) * before + (INNER - MIX) * last)
+
+
+@inner
+def vanishes(value: float, fall: float, bend: float) -> float:
+    """Where value - fall x - bend x^2 first vanishes, at most 1."""
+    root = math.sqrt(max(fall * fall + 4 * bend * value, 0.0))
+    return min(2 * value / (fall + root), 1.0) if fall > 0 else 1.0
+
+
 @compiled
 def locate(values: FloatArray, count: int, hardness: float, links: Links) -> None:
     """Find `Links` between the third of six points, which is inside, and the fourth.
@@ -129,23 +145,23 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
             if half > 0:
                 place[n], doubt[n], kinked[n] = 1 - half - shift + AXIS_OFFSET, 0.0, 1.0
                 continue
-        holds, away = step and (place[n] < 0.5 or not elastic), 1.0
+        holds, away = step and (place[n] < 0.5 or not elastic), 0.0
         if kink and not holds:  # the gap's parabola (a line without `end`) closes so far from `out`
             bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
-            rise = out - after - bend
-            if after <= 0 and rise > 0:
-                root = math.sqrt(max(rise * rise + 4 * bend * out, 0.0))
-                away = min(-2 * out / (rise + root), 1.0)
-            holds = away >= 1
+            away = vanishes(-out, out - after - bend, -bend) if after <= 0 else 1.0
+        if kind & 16:  # an edge
+            fall, bend = inside(values[0, n], before, last)
+            place[n], doubt[n] = vanishes(last, fall + bend / 2, bend / 2), bend / 2 / fall
+            away = place[n]
         if (step or kink) and elastic:  # a singular pressure, or one that rises as a logarithm
             at_step = (math.pi / 4 * last / hardness) ** 2
             zone[n] = at_step if step else 3 ** ((last - hardness) / (last - before))
-        if holds:
+        if holds or away >= 1:
             place[n], doubt[n], held[n] = 0.5, 0.0, 1.0
             continue
         if kink:
             place[n] = min(max(1 - away + AXIS_OFFSET * (1 - line), 0.0), 1.0)
-        kinked[n] = 1.0 if kink or flow > 0 else 0.0
+        kinked[n] = 1.0 if kind & 18 or flow > 0 else 0.0
 
 
 @inner
@@ -190,4 +206,8 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         step = (last - out > STEP * max(fall, out - after)) & (within | (not elastic))
         kink = elastic & (first > 0) & (-fall > max(-deeper, 0.0))
         near = elastic & (flow == 0) & (after > 0) & (after < hardness)
-        values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0)
+        # Beyond an edge of the surface, q falls by far more at once than its bend inside tells.
+        slope, curve = inside(first, before, last)
+        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * (slope + 5 * abs(curve))
+        edge = fast & elastic & contact & gap & (first > 0) & (slope > 0) & (not (step | kink))
+        values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0) + 16 * edge

@@ -8,12 +8,11 @@ mirror image.  In cells, with lengths in spacings, the contact is
         - (zones that the plastic front tells, and creases, that show no point)
 
 and its plastic part has the terms of the last two lines added, with zones that the front of the
-contact tells.  The offset is that of the discrete problem at a straight front of any direction
-theta, with an elastic strip of any width u beside it, and none where a step of the surface holds
-the front.  CORNER is what a front lacks by its curvature, which integrates to the Euler number;
-tips, zones and creases are what is narrower than a spacing.  On oblong cells the offset is larger
-(OBLONG).  The load is one more measurement, and the errors follow from the same sums.
-`tests/laboratory` measures the constants.
+contact tells.  The offset is that of the discrete problem at a straight front of direction theta
+with an elastic strip of width u beside it, and none where a step of the surface holds the front.
+CORNER is what a front lacks by its curvature, which integrates to the Euler number; tips, zones
+and creases are narrower than a spacing.  On oblong cells the offset is larger (OBLONG).  The load
+is one more measurement, errors follow from the same sums, and `laboratory` measures constants.
 """
 
 from __future__ import annotations
@@ -62,11 +61,10 @@ def estimate_areas(
 
     pressure, gap: (nx, ny) or (nx,), in Pa and m, the gap positive where apart, and minus all flow
     where plastic; hardness: in Pa, may be infinite; spacing: (dx, dy) or (dx,), in m;
-    effective_modulus: E* in Pa, also for a layer, because short waves determine a rim; threads: the
-    sums have the same bits on any number of them; flowed: of the pressure's shape, what earlier
-    flow has lowered the surface by, in m, where a load is no longer the largest; the gap is that to
-    the lowered surface.  Where no point flows then, nothing does, and the plastic area is 0.  The
-    error is meant to cover nine of ten errors of the corrected areas.  No large array is made.
+    effective_modulus: E* in Pa, also for a layer, because short waves determine a rim; threads: any
+    number gives the same bits; flowed: what earlier flow has lowered the surface by, in m, where a
+    load is no longer the largest; the gap is then that to the lowered surface, and the plastic area
+    0 unless points flow again.  The error is meant to cover nine of ten errors of corrected areas.
     """
     pressure, gap, spacing = array("pressure", pressure), array("gap", gap), listed(spacing)
     flowed = None if flowed is None else array("flowed", flowed)
