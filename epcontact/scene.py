@@ -467,10 +467,10 @@ def whole(name: str, given: Any, least: int) -> int:
 
 def array(name: str, given: Any) -> FloatArray:
     """Return an array of 64-bit floats, in this machine's byte order.  Raises InvalidScene."""
-    try:
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of numbers") from None
+    with contextlib.suppress(TypeError, ValueError):
+        if not np.iscomplexobj(given):
+            return np.asarray(given, dtype=np.float64)
+    raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of real numbers")
 
 
 def listed(given: Any) -> tuple[Any, ...]:

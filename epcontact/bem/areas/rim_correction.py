@@ -27,7 +27,7 @@ from epcontact.bem.areas.grid import ALIKE, CORNER, NARROW, OFFSETS, Solution, S
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
-from epcontact.scene import array, listed, number
+from epcontact.scene import LARGEST, array, listed, positive, whole
 
 #: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
 HARMONIC = 0.0127
@@ -75,19 +75,18 @@ def estimate_areas(
             f"arrays of {sorted(shapes)} points and {len(spacing)} spacings do not fit: "
             "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
         )
-    hardness = number("hardness", hardness, "positive, in Pa", lambda v: v > 0)
-    spacing = [number("spacing", d, "positive, in m", lambda v: 0 < v < math.inf) for d in spacing]
-    effective_modulus = number(
-        "effective_modulus", effective_modulus, "positive, in Pa", lambda v: 0 < v < math.inf
-    )
-    ends = {
-        k: (float(v.min()), float(v.max())) if v.size else (0.0, math.nan) for k, v in given.items()
-    }
-    for name, (least, most) in ends.items():
-        if not math.isfinite(most - least):
-            raise InvalidScene(f"{name} is empty or holds NaN or infinite numbers: all are finite")
-    if ends["pressure"][0] < 0 or ends["pressure"][1] * _ROUNDING > hardness:
-        raise InvalidScene("a pressure is negative or above the hardness: all are from 0 to it")
+    hardness = positive("hardness", hardness, "Pa", finite=False)
+    spacing = [positive("spacing", distance, "m") for distance in spacing]
+    effective_modulus = positive("effective_modulus", effective_modulus, "Pa")
+    threads = whole("threads", threads, 1)
+    for name, values in given.items():
+        least, most = (values.min(), values.max()) if values.size else (math.nan, math.nan)
+        if not max(-least, most) <= LARGEST:
+            raise InvalidScene(f"{name} is empty or holds NaN or numbers beyond {LARGEST:g}")
+        if least < 0 and name != "gap":
+            raise InvalidScene(f"{name} is negative at a point, but must nowhere be less than 0")
+        if name == "pressure" and most * _ROUNDING > hardness:
+            raise InvalidScene("a pressure is above the hardness: all are from 0 to it")
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
     return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
 
