@@ -206,8 +206,8 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         step = (last - out > STEP * max(fall, out - after)) & (within | (not elastic))
         kink = elastic & (first > 0) & (-fall > max(-deeper, 0.0))
         near = elastic & (flow == 0) & (after > 0) & (after < hardness)
-        # Beyond an edge of the surface, q falls by far more at once than its bend inside tells.
+        # Beyond an edge, q at once falls faster, by a quarter and by STEP times its bend inside.
         slope, curve = inside(first, before, last)
-        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * (slope + 5 * abs(curve))
+        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * slope + STEP * abs(curve)
         edge = fast & elastic & contact & gap & (first > 0) & (slope > 0) & (not (step | kink))
         values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0) + 16 * edge
