@@ -214,6 +214,10 @@ def line(n, shift=0.0):
     return abs(((np.arange(n) + shift) / n) % 1 - 0.5)
 
 
+def dome(r):
+    return -(r**2) / 2 - 0.713 * np.maximum(r - 0.1272, 0)
+
+
 #: Heights on n points, load, hardness, points, how many times as many in the reference, part,
 #: largest claim, and what a count makes of the part.
 SHAPES = {
@@ -228,6 +232,8 @@ SHAPES = {
     "truncated cone": (lambda n: flanks(n, 0.5), 0.03, math.inf, 48, 6, "total", 6e-3, None),
     "oblique groove": (lambda n: abs((sum(places((n, n))) + 0.5 + 0.25 / 32) % 1 - 0.5),
         1.6 * math.sqrt(2), math.inf, 32, 6, "total", 2 / 32, 1),
+    "dome that flows at its edges only": (lambda n: dome(line(n, 0.2989 * n)),
+        0.017011, 0.09639, 64, 64, "plastic", 0.03, 0),
     "tip of a cone": (lambda n: -0.5 * np.hypot(*(z - 0.5 + 0.3 / 24 for z in places((n, n)))),
         0.004, 0.6, 24, 8, "plastic", 4 / 576, 0),
 }  # fmt: skip

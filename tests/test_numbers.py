@@ -91,7 +91,7 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     ("call", "sentence"),
     [
         (lambda: Scene(SURFACE, SCENE.load, SCENE.material), "material is .*must be a Material"),
-        (lambda: bem.solve(SCENE, start="none"), "start is 'none', but must be an array of numb"),
+        (lambda: bem.solve(SCENE, start="none"), "start is 'none', but must be an array of real"),
         (lambda: bem.solve(SURFACE), r"scene is <Surface.*, but must be a Scene"),
         (lambda: persson.solve("x", energy_reduction=0.5), "scene is 'x', but must be a Scene"),
         (lambda: persson.analytic_roughness(SPECTRUM, 0), "bands is 0, but must be a whole"),

@@ -153,9 +153,9 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
             fall, bend = inside(values[0, n], before, last)
             place[n], doubt[n] = vanishes(last, fall + bend / 2, bend / 2), bend / 2 / fall
             away = place[n]
-        if (step or kink) and elastic:  # a singular pressure, or one that rises as a logarithm
-            at_step = (math.pi / 4 * last / hardness) ** 2
-            zone[n] = at_step if step else 3 ** ((last - hardness) / (last - before))
+        if (step or kink or away >= 1) and elastic:  # singular, or rising as a logarithm at kinks
+            at_edge = (math.pi / 4 * last / hardness) ** 2
+            zone[n] = at_edge if step or not kink else 3 ** ((last - hardness) / (last - before))
         if holds or away >= 1:
             place[n], doubt[n], held[n] = 0.5, 0.0, 1.0
             continue
