@@ -468,8 +468,8 @@ def whole(name: str, given: Any, least: int) -> int:
 def array(name: str, given: Any) -> FloatArray:
     """Return an array of 64-bit floats, in this machine's byte order.  Raises InvalidScene."""
     with contextlib.suppress(TypeError, ValueError):
-        if not np.iscomplexobj(given):
-            return np.asarray(given, dtype=np.float64)
+        if (values := np.asarray(given)).dtype.kind != "c":
+            return values.astype(np.float64, copy=False)
     raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of real numbers")
 
 

@@ -43,11 +43,11 @@ inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=Fa
 class Links(NamedTuple):
     """What is found on links (n,) between two points that a front crosses, in spacings."""
 
-    place: FloatArray  # of the root of q from the point inside; 1/2 where a step holds the front
+    place: FloatArray  # of the root of q from the point inside; 1/2 where the front is held
     doubt: FloatArray  # how far out it may be instead: what the polynomial's last term moves it by
-    held: FloatArray  # 1 if a step of the surface holds the front: any place is equally likely
+    held: FloatArray  # 1 if a step or an edge holds the front: any place is equally likely
     zone: FloatArray  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: FloatArray  # 1 at a kink, and where the point inside has flowed before
+    kinked: FloatArray  # 1 at a kink, beside an edge, and where the point inside has flowed before
     fallen: FloatArray  # what the last point has lost since it flowed, over the hardness, or 0
     steeper: FloatArray  # by what share v is steeper than on the link inside, or 0 if it is not
 
@@ -166,8 +166,8 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
 
 @inner
 def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> None:
-    """Find smooth fronts by the polynomial; the memory tells where steps, kinks, a gap of at most
-    one point or earlier flow change that.  Without branches, many links are found at once."""
+    """Find smooth fronts by the polynomial; the memory tells where steps, kinks, edges, old flow
+    or a gap of at most one point change that.  Without branches, many links are found at once."""
     place, doubt, held, zone, kinked, fallen, steeper = links
     for n in range(count):
         first, before, last = values[0, n], values[1, n], values[2, n]
@@ -185,7 +185,8 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         # Where the pressure peaks one point inside, the front may be at a kink there, so that it is
         # AXIS_OFFSET too far out, unless the cubic through q(-2) differs less in the middle of the
         # link than the last term is large.
-        other = t2 - ((first + MIX * before + (INNER - 1) * last) / 2 + t1) / 3
+        drop, curve = inside(first, before, last)
+        other = t2 - (drop - curve / 2 + t1) / 3
         peak = elastic & contact & gap & (first > 0) & (before > max(first, last))
         smooth = (not peak) | (abs(t3 - other) <= 8 / 3 * abs(t3))
         square, cube = (t2, t3) if contact else (t3, 0.0)
@@ -207,7 +208,6 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         kink = elastic & (first > 0) & (-fall > max(-deeper, 0.0))
         near = elastic & (flow == 0) & (after > 0) & (after < hardness)
         # Beyond an edge, q at once falls faster, by a quarter and by STEP times its bend inside.
-        slope, curve = inside(first, before, last)
-        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * slope + STEP * abs(curve)
-        edge = fast & elastic & contact & gap & (first > 0) & (slope > 0) & (not (step | kink))
+        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * drop + STEP * abs(curve)
+        edge = fast & elastic & contact & gap & (first > 0) & (drop > 0) & (not (step | kink))
         values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0) + 16 * edge
