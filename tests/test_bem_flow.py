@@ -70,6 +70,26 @@ def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
     assert beyond.quantities == pytest.approx(once.final.quantities, rel=1e-6)
 
 
+@pytest.mark.parametrize("kind", [(10, 0.1, 0.995), (100, 0.1, 0.99), (0, 1e-5, 0.9)])
+def test_small_falls_over_deep_valleys_end_all_flow(kind):
+    """The error that the rms height allows a pressure once was taken for a return to the peak."""
+    valley, hardness, share = kind
+    x, k, phases = (
+        np.arange(4096) / 4096,
+        np.arange(1, 256),
+        np.random.default_rng(1).uniform(size=255),
+    )
+    heights = np.cos(2 * np.pi * (np.outer(x, k) + phases)) @ k**-1.3 / 30
+    surface = Surface(1e-6 * (heights - valley * (abs(x - 0.5) < 0.1)), (1.0,))
+    up, down = Load(0.3 * hardness), Load(0.3 * hardness * share)
+    peak = Scene(surface, Material(1e6, 0.0, hardness=hardness), up)
+    flow = bem.solve(peak).fields["plastic_displacement"]
+    path = bem.solve(replace(peak, load=Load((up.final, down.final))))
+    for result in (path, bem.solve(replace(peak, load=down), plastic_displacement=flow)):
+        assert result.final.areas["raw"].plastic == result.fields["pressure"].min() == 0.0
+        assert result.fields["pressure"].max() < (0.9 + 0.1 * share) * hardness
+
+
 def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
     """Without elasticity the highest p0/hardness of the surface is cut off (Abbott-Firestone)."""
     scene = replace(scene_of((1, 0)), material=Material(1e7, 0.3, hardness=HARDNESS))

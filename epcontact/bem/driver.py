@@ -158,12 +158,13 @@ class _Path:
         heights, path = self.scene.surface.heights.reshape(self.symbol.shape), self.scene.load.path
         left = heights if before is None else heights - before
         steps: list[LoadStep] = []
+        peak = 0.0  # that has left the flow `before`, if it is one of this path
         pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
         while True:
             load = path[len(steps)]
             problem = GridProblem(left, self.symbol, load, self.scene.material.hardness)
             shown = replace(self.options, progress=self.share_done(len(steps)))
-            now = loaded(problem, shown, start, before)
+            now = loaded(problem, shown, start, before, peak)
             steps.append(_load_step(self.scene, now, self.options.threads))
             pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
             if self.on_step is not None:
@@ -171,7 +172,7 @@ class _Path:
             if len(steps) == len(path):
                 return tuple(steps), now, pairs
             if path[len(steps)] < load and now.after is not None:
-                before = now.after
+                before, peak = now.after, max(peak, load)
                 left = heights - before
             start = _warm_start(now, left, path[len(steps)])
             del now, problem  # their fields would stay in memory beside those of the next load

@@ -40,11 +40,13 @@ class LoadedSurface:
 
 
 def loaded(
-    problem: GridProblem, options: Options, start: FloatArray | None, before: FloatArray | None
-) -> LoadedSurface:
-    """Solve one load of a path, which may be zero, and find the plastic displacement after it."""
+    problem: GridProblem, options: Options, start: FloatArray | None, before: FloatArray | None,
+    peak: float,
+) -> LoadedSurface:  # fmt: skip
+    """Solve one load of a path, which may be zero, and find the plastic displacement after it.
+    Below `peak`, the load in Pa that has left the one before, nothing flows; 0: it is not known."""
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
-    if before is not None:
+    if before is not None and problem.mean_pressure >= peak * (1 - 1e-12):
         _put_on_hardness(problem, solution, before, options.tolerance)
     after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
     return LoadedSurface(problem, solution, before, after)
@@ -75,16 +77,18 @@ def _put_on_hardness(
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure
     from the hardness vanish where the surface has flowed: rounding would decide what is plastic.
-    The error of a pressure is that of the gap, of this solve and of the one that left the surface,
-    divided by the compliance of the shortest wave.
+    The error of a pressure is at most that of the gap, of this solve and of the one that left the
+    surface, divided by the compliance of the shortest wave; in the mean it is far smaller.
     """
-    pressure, hardness = solution.pressure, problem.hardness
+    pressure, hardness, old = solution.pressure, problem.hardness, before > 0
     residual = max(solution.residuals.values()) + tolerance
     error = residual * problem.gap_scale() / problem.symbol.shortest()
-    back = (before > 0) & (pressure >= hardness - error)
+    if not old.any() or hardness - pressure.mean(where=old) > error / 10:
+        return
+    back = old & (pressure >= hardness - error)
     excess = float(np.sum(hardness - pressure, where=back))
     pressure[back] = hardness
     # The other points give back what these have gained, far below their error.
     between = (pressure > 0) & (pressure < hardness)
     if between.any():
-        pressure[between] *= 1 - excess / float(pressure[between].sum())
+        pressure[between] *= max(0.0, 1 - excess / float(pressure[between].sum()))
