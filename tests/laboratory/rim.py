@@ -151,9 +151,9 @@ def all_directions(along=40, across=2):
 
 
 def calibrate_directions():
-    """(mean over all angles, amplitude of cos 4 theta, scatter) of the offset of one front, in dx.
+    """(mean over all angles in dx, share of cos 4 theta in it, scatter) of the offset of one front.
 
-    The scatter is the largest rms distance of all directions, over the positions of the front.
+    The scatter in dx is the largest rms distance of all directions, over the positions of the front.
     """
     load, exact = 0.5, line_contact_fraction(0.5) / 2
     offsets, weights = [], []
@@ -169,7 +169,7 @@ def calibrate_directions():
     mean = np.average(means - amplitude * waves, weights=weights)
     fit = mean + amplitude * waves
     scatter = max(np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(offsets, fit, strict=True))
-    return float(mean), float(amplitude), float(scatter)
+    return float(mean), float(amplitude / mean), float(scatter)
 
 
 def calibrate_strips(fronts):
@@ -284,8 +284,8 @@ def main():
     counted = np.mean([front_offset(angle, points=200_000) for angle in angles])
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude, scatter = calibrate_directions()
-    print("offset of a located front", round(mean, 4), "+", round(amplitude, 4), "cos 4 theta")
-    print("scatter of it", round(scatter, 4), "in use", 0.4 * HARMONIC)
+    print("offset of a located front", round(mean, 4), "(1 +", round(amplitude, 4), "cos 4 theta)")
+    print("scatter of it", round(scatter, 4), "in use", 0.4 * HARMONIC * OFFSETS[-1])
     print("u     ", WIDTHS)
     table, misfit = calibrate_strips(all_directions())
     print("offset", np.round(table, 4), " largest misfit", round(misfit, 4))

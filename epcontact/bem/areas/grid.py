@@ -64,7 +64,7 @@ class Sums(NamedTuple):
     crease: FloatArray  # of `_hidden`
     area: FloatArray  # inside the located front, in cells
     offset: FloatArray  # free length times the offset at the strip's width there
-    harmonic: FloatArray  # free length times cos 4 theta
+    harmonic: FloatArray  # the offset times cos 4 theta
     turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
     zone: FloatArray  # length times the width of the zone hidden at edges
     released: FloatArray  # length times the width that has come off flattened spots
@@ -72,7 +72,7 @@ class Sums(NamedTuple):
     shared: FloatArray  # the rest of it
     held: FloatArray  # own length at edges
     kinked: FloatArray  # own length where the surface has a kink
-    sine: FloatArray  # free length times sin 4 theta
+    sine: FloatArray  # and times sin 4 theta
     doubt: FloatArray  # own free length times the doubt of `front`
     chance: FloatArray  # and times its square
 
@@ -255,9 +255,10 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
         own, free = max(narrow, held) * length, (1 - held) * length
         sums.released += away * length
         wide = u * (1 + (steeper[one] + steeper[other]) / 4)  # by the slope of both its fronts
-        sums.offset += offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
-        sums.harmonic += cos4 * free
-        sums.sine += sin4 * free
+        offset = offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
+        sums.offset += offset
+        sums.harmonic += cos4 * offset
+        sums.sine += sin4 * offset
         sums.turn += 0.25 * sign * (1 - straight)
         sums.zone += (zones[one] + zones[other]) / 2 * length
         sums.length += own

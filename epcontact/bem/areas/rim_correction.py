@@ -4,7 +4,7 @@ Counting grid points overestimates a contact by its rim, and underestimates its 
 mirror image.  In cells, with lengths in spacings, the contact is
 
     A = A_located + CORNER * (Euler number)
-        - (integral of offset(u) + HARMONIC cos 4 theta along the front) - TIP * (number of tips)
+        - (integral of offset(u) (1 + HARMONIC cos 4 theta) along the front) - TIP * (tips)
         - (zones that the plastic front tells, and creases, that show no point)
 
 and its plastic part has the terms of the last two lines added, with zones that the front of the
@@ -29,8 +29,8 @@ from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import LARGEST, array, listed, positive, whole
 
-#: Amplitude of the offset's change with the direction of a front (`rim.calibrate_directions`).
-HARMONIC = 0.0127
+#: By what share of it the offset changes with a front's direction (`rim.calibrate_directions`).
+HARMONIC = 0.0711
 #: Cells missed for each tip of a contact thinner than a spacing: it is round as half a spot is.
 TIP = CORNER / 2
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
@@ -105,7 +105,7 @@ def sums_of_fronts(
         pressure, gap, spacing = pressure[:, None], gap[:, None], [spacing[0], spacing[0]]
     (nx, ny), (dx, dy), c = pressure.shape, spacing, STIFFNESS * effective_modulus
     # The exact offset of fronts along one axis, as those of a line are.
-    offsets = OFFSETS * ((AXIS_OFFSET - HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
+    offsets = OFFSETS * (AXIS_OFFSET / (1 + HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
     earlier = (np.zeros((0, 0)), hardness * _ROUNDING)
     if flowed is not None:
         earlier = (flowed.reshape(nx, ny), hardness) if math.isfinite(hardness) else earlier
@@ -125,8 +125,7 @@ def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tupl
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
-    free = np.maximum(sums.length + sums.shared - sums.held, 1e-9)
-    aligned = np.hypot(sums.harmonic, sums.sine) / free  # share of fronts in one direction
+    aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)  # one direction
     located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong)
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
@@ -164,13 +163,13 @@ def _covariance(sums: Sums, aligned: FloatArray, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    5/4 of its doubt as far as it is alike, a tenth or more, and ANYWHERE/3 at edges and kinks.
+    its doubt as far as it is alike, 1/8 or more, and ANYWHERE/3 at edges and kinks.
     What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
     on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
     """
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
     common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
-    common += (1.25 * np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
+    common += (np.maximum(aligned, 0.125) * sums.doubt) ** 2 + (sums.released / 4) ** 2
     common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (STRIPS * (sums.length + sums.shared).min()) ** 2
     return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
@@ -190,7 +189,7 @@ def _balanced(
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     carried = load - (slopes * (1, -1)) @ (COUNTED * (sums.length - sums.held) + TIP * sums.tips)
-    along = aligned * np.minimum(abs(sums.harmonic), sums.length)
+    along = aligned * np.minimum(abs(sums.harmonic) / OFFSETS[-1], sums.length)
     doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2 + along**2)
     elsewhere = contact - plastic - (sums.length + sums.shared).mean()
     carry = CARRIED * np.clip(elsewhere, 0.0, sums.shared.mean())
