@@ -463,6 +463,15 @@ def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
         assert off <= getattr(found["error"], part) < 0.8 / n
 
 
+@pytest.mark.parametrize("direction", [(1, 0), (3, 1), (2, 1), (1, 1)])
+def test_fronts_without_a_strip_between_them_have_no_offset(direction):
+    """A rigid ridge: its two fronts on each side coincide, whatever their direction."""
+    across = np.einsum("i,ixy->xy", direction, np.indices((64, 64))) / 64 % 1
+    gap = 1e3 * (abs(across - 0.5) - 0.2)
+    _, found, _ = estimate_areas(1.0 * (gap < 0), gap, 1.0, (1 / 64, 1 / 64), 1.0)
+    assert found.total == pytest.approx(0.4, abs=1e-4)
+
+
 @pytest.mark.long
 def test_the_tables_come_from_the_calibration():
     mean, amplitude, scatter = rim.calibrate_directions()

@@ -180,7 +180,8 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         t1 = out - q0
         t2 = (t1 + before + (mix - 1) * last) / 2 if contact else 0.0
         t3 = ((after - mix * out - q0) / 2 - t1 - t2) / (3.0 if contact else 1.0) if gap else 0.0
-        known = t3 * (0.375 if contact else 0.25) if gap else t2 / 4  # in the middle of the link
+        # What it adds in the middle of the link, and a fifth more beside a lone point.
+        known = t3 * (0.375 if contact else 0.3) if gap else t2 / 4
         known = min(max(known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
         # Where the pressure peaks one point inside, the front may be at a kink there, so that it is
         # AXIS_OFFSET too far out, unless the cubic through q(-2) differs less in the middle of the

@@ -32,7 +32,7 @@ ALIKE = 0.2
 #: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
 CORNER = 0.6
 #: Standard deviation of the place of strips narrower than a spacing (chosen on `area_bank`).
-NARROW = 0.25
+NARROW = 0.22
 #: Points around the cells of a block that are read, too; entries for a spacing in the offsets.
 PAD, FINE = 4, 500
 #: By the sum of 2^k over the corners inside: the one that is cut off, or the first of two.
@@ -160,9 +160,9 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     """Number crossed cells, elastic points and links, and gather what `locate` needs of these."""
     (steps, v, state, sunk, codes, eights), ((cells, elastic), sides, above) = block[:6], block[6:9]
     (first, last, left, right), columns, ((starts, ways), values) = place, len(above), block[9:11]
-    inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
+    inside, crossed, count, links = 0, 0, 0, np.int64(0)
     for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
-        row, old, kept = i * columns, crossed, int(i >= begun)
+        row, old, kept = i * columns, crossed, np.int64(i >= begun)
         if links + 2 * columns > len(ways):
             break
         begin, end, begun = row + PAD - 1, row + PAD + right - left, max(begun, i + 1)
@@ -220,14 +220,14 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
     ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
     k, q = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift
     place, doubts, holds, zones, kinks, falls, steeper = block[11]
-    is_point, code = int(state[k] > 0), int(codes[k]) & 15
+    is_point, code = np.int64(state[k] > 0), np.int64(codes[k]) & 15
     if code == 0:  # before the block
         return
     code ^= 15 * is_point
-    cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
+    cut, saddle, straight = _CUT[code], np.int64(code % 5 == 0), np.int64(code % 3 == 0)
     a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
     e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
-    cut ^= saddle & int(a + b + c + d + e + f + g + h > 0)  # the inside is connected
+    cut ^= saddle & np.int64(a + b + c + d + e + f + g + h > 0)  # the inside is connected
     dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
     inverse = 1 / max(dx * dx + dy * dy, 1e-300)
     product, flat = dx * dy * inverse, math.sqrt(inverse)
@@ -239,7 +239,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
             dx += (b + c - a - d) / 2  # the gradient at the peak load
             dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
             within = min(a, b, c, d) > 0  # a flattened spot, where nothing moves along
-            u = np.inf if within else solution.yielded / max(math.hypot(dx, dy), 1e-150)
+            u = np.inf if within else solution.yielded / max(math.sqrt(dx * dx + dy * dy), 1e-150)
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - is_point  # which was counted as a point
     for corner in range(cut, cut + 1 + 2 * saddle, 2):

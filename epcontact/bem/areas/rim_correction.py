@@ -38,8 +38,6 @@ OBLONG = 0.07
 #: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of the points
 #: inside for a spacing of it (Kendall, Q. J. Math. 19 (1948) 1).
 COUNTED, POINTS = 0.129, 0.0728
-#: Standard deviation of the load that strips as of NARROW have too much (chosen on `area_bank`).
-CARRIED = 0.03
 #: Systematic error of OFFSETS for each spacing of the shorter front (the paper's surface, 4096^2).
 STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
@@ -125,10 +123,9 @@ def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tupl
     """(corrected, error) from the sums over the cells of one of the `copies`, which err alike.
     share: p0/hardness; aspect: dx/dy."""
     oblong = OBLONG * math.log(aspect) ** 2
-    aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)  # one direction
-    located, covariance = located_areas(sums, oblong), _covariance(sums, aligned, oblong)
+    located, covariance = located_areas(sums, oblong), _covariance(sums, oblong)
     if sums.points[0] > sums.points[1] > 0:
-        located, covariance = _balanced(located, covariance, sums, aligned, share * cells)
+        located, covariance = _balanced(located, covariance, sums, share * cells)
     # What no point shows, the load does not tell: zones of the other front, creases, a lone point.
     located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
     unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (TIP / 2 * sums.tips) ** 2
@@ -159,44 +156,43 @@ def located_areas(sums: Sums, oblong: float) -> FloatArray:
     return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
 
 
-def _covariance(sums: Sums, aligned: FloatArray, oblong: float) -> FloatArray:
+def _covariance(sums: Sums, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    its doubt as far as it is alike, 1/8 or more, and ANYWHERE/3 at edges and kinks.
+    its doubt as far as they have one direction, a tenth or more, ANYWHERE/3 at edges and kinks.
     What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
     on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
     """
+    aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
     common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
-    common += (np.maximum(aligned, 0.125) * sums.doubt) ** 2 + (sums.released / 4) ** 2
+    common += (np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
     common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (STRIPS * (sums.length + sums.shared).min()) ** 2
     return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
 
 
 def _balanced(
-    areas: FloatArray, covariance: FloatArray, sums: Sums, aligned: FloatArray, load: float
+    areas: FloatArray, covariance: FloatArray, sums: Sums, load: float
 ) -> tuple[FloatArray, FloatArray]:
     """Total and plastic area and their covariance (2, 2), with the load as one more measurement.
 
     All in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi of the points.
-    It is right in strips, where the pressure rises antisymmetrically; points elsewhere may carry
-    CARRIED less.  Other fronts count COUNTED too much a spacing, by chance of POINTS, but anything
-    at edges, at kinks and along the grid; and TIP for each tip.
+    It is right in strips, where the pressure rises antisymmetrically.  Other fronts count COUNTED
+    too much a spacing, by chance of POINTS, but anything at edges and kinks, and TIP for each tip.
+    By what areas and load differ more than their errors, all these errors are too small (Birge,
+    Phys. Rev. 40 (1932) 207).
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
     slopes = np.maximum([phi, 1 - phi], 1e-9)  # elastic points may carry nothing but rounding
     carried = load - (slopes * (1, -1)) @ (COUNTED * (sums.length - sums.held) + TIP * sums.tips)
-    along = aligned * np.minimum(abs(sums.harmonic) / OFFSETS[-1], sums.length)
-    doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2 + along**2)
-    elsewhere = contact - plastic - (sums.length + sums.shared).mean()
-    carry = CARRIED * np.clip(elsewhere, 0.0, sums.shared.mean())
-    gain = covariance @ slopes
-    gain /= slopes @ gain + slopes**2 @ doubt + carry**2
-    moved = areas + gain * (carried - slopes @ areas)
-    return moved, covariance - np.outer(gain, slopes @ covariance)
+    doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2)
+    common, off = covariance @ slopes, carried - slopes @ areas
+    variance = slopes @ common + slopes**2 @ doubt
+    left = covariance - np.outer(common, common) / variance
+    return areas + common * (off / variance), left * max(1.0, off**2 / variance)
 
 
 def copies(pressure: FloatArray) -> int:
