@@ -181,8 +181,8 @@ def _balanced(
     All in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi of the points.
     It is right in strips, where the pressure rises antisymmetrically.  Other fronts count COUNTED
     too much a spacing, by chance of POINTS, but anything at edges and kinks, and TIP for each tip.
-    By what areas and load differ more than their errors, all these errors are too small (Birge,
-    Phys. Rev. 40 (1932) 207).
+    Where the squares of what they differ by exceed those of their errors, errors grow by as much
+    (Birge, Phys. Rev. 40 (1932) 207).
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
@@ -192,7 +192,7 @@ def _balanced(
     common, off = covariance @ slopes, carried - slopes @ areas
     variance = slopes @ common + slopes**2 @ doubt
     left = covariance - np.outer(common, common) / variance
-    return areas + common * (off / variance), left * max(1.0, off**2 / variance)
+    return areas + common * (off / variance), left * max(1.0, off**2 / variance - 1)
 
 
 def copies(pressure: FloatArray) -> int:
