@@ -181,8 +181,8 @@ def _balanced(
     All in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi of the points.
     It is right in strips, where the pressure rises antisymmetrically.  Other fronts count COUNTED
     too much a spacing, by chance of POINTS, but anything at edges and kinks, and TIP for each tip.
-    Where the squares of what they differ by exceed those of their errors, errors grow by as much
-    (Birge, Phys. Rev. 40 (1932) 207).
+    If areas and load differ by more than their errors explain, these grow until they do (Birge,
+    Phys. Rev. 40 (1932) 207).
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
