@@ -14,7 +14,8 @@ from scipy.special import sici
 
 from epcontact import bem
 from epcontact.bem.areas import front, rim_correction
-from epcontact.bem.areas.rim_correction import copies, estimate_areas
+from epcontact.bem.areas.grid import Sums
+from epcontact.bem.areas.rim_correction import areas_of_sums, copies, estimate_areas
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
@@ -461,6 +462,14 @@ def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
     for part in PARTS:
         off = abs(getattr(found["corrected"], part) - kept[part])
         assert off <= getattr(found["error"], part) < 0.8 / n
+
+
+def test_narrow_strips_are_as_uncertain_as_a_contact_without_plastic_points():
+    """Their place was taken for that of both fronts, so that the elastic area claimed nothing."""
+    known = {"points": (100, 0), "area": (100, 0), "length": (4, 0), "shared": (40, 0)}
+    sums = Sums(*(np.array(known.get(name, (0, 0)), float) for name in Sums._fields))
+    _, error = areas_of_sums(sums, 0.08, 1000.0, 1.0)
+    assert error.elastic >= error.total > 0
 
 
 @pytest.mark.parametrize("direction", [(1, 0), (3, 1), (2, 1), (1, 1)])

@@ -171,7 +171,7 @@ class _Path:
                 self.on_step(self.result(tuple(steps), now, dict(pairs)))
             if len(steps) == len(path):
                 return tuple(steps), now, pairs
-            if path[len(steps)] < load and now.after is not None:
+            if path[len(steps)] < load and now.after is not None and now.after.any():
                 before, peak = now.after, max(peak, load)
                 left = heights - before
             start = _warm_start(now, left, path[len(steps)])

@@ -47,7 +47,7 @@ def loaded(
     Below `peak`, the load in Pa that has left the one before, nothing flows; 0: it is not known."""
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
     if before is not None and problem.mean_pressure >= peak * (1 - 1e-12):
-        _put_on_hardness(problem, solution, before, options.tolerance)
+        _put_on_hardness(problem, solution, before, peak, options.tolerance)
     after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
     return LoadedSurface(problem, solution, before, after)
 
@@ -71,20 +71,23 @@ def flowed(
 
 
 def _put_on_hardness(
-    problem: GridProblem, solution: PressureSolution, before: FloatArray, tolerance: float
-) -> None:
+    problem: GridProblem, solution: PressureSolution, before: FloatArray, peak: float,
+    tolerance: float,
+) -> None:  # fmt: skip
     """Put pressures on the hardness, in place, that have come back to it within their error.
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure
     from the hardness vanish where the surface has flowed: rounding would decide what is plastic.
-    The error of a pressure is at most that of the gap, of this solve and of the one that left the
-    surface, divided by the compliance of the shortest wave; in the mean it is far smaller.
+    The error of a pressure is that of the gap, of this solve and of the one that left the surface,
+    divided by the compliance of the shortest wave.  At a known peak some times that is allowed, for
+    points that err alike; at an unknown one a load must show the far smaller error of the mean.
     """
     pressure, hardness, old = solution.pressure, problem.hardness, before > 0
     residual = max(solution.residuals.values()) + tolerance
     error = residual * problem.gap_scale() / problem.symbol.shortest()
-    if not old.any() or hardness - pressure.mean(where=old) > error / 10:
+    if not old.any() or (not peak and hardness - pressure.mean(where=old) > error / 10):
         return
+    error *= 10 if problem.mean_pressure <= peak * (1 + 1e-12) else 1
     back = old & (pressure >= hardness - error)
     excess = float(np.sum(hardness - pressure, where=back))
     pressure[back] = hardness

@@ -153,7 +153,7 @@ def all_directions(along=40, across=2):
 def calibrate_directions():
     """(mean over all angles in dx, share of cos 4 theta in it, scatter) of the offset of one front.
 
-    The scatter in dx is the largest rms distance of all directions, over the positions of the front.
+    The scatter, in dx, is the largest rms distance of all directions, over positions of the front.
     """
     load, exact = 0.5, line_contact_fraction(0.5) / 2
     offsets, weights = [], []

@@ -72,7 +72,7 @@ class Sums(NamedTuple):
     shared: FloatArray  # the rest of it
     held: FloatArray  # own length at edges
     kinked: FloatArray  # own length where the surface has a kink
-    sine: FloatArray  # and times sin 4 theta
+    sine: FloatArray  # the offset times sin 4 theta
     doubt: FloatArray  # own free length times the doubt of `front`
     chance: FloatArray  # and times its square
 
@@ -160,9 +160,9 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     """Number crossed cells, elastic points and links, and gather what `locate` needs of these."""
     (steps, v, state, sunk, codes, eights), ((cells, elastic), sides, above) = block[:6], block[6:9]
     (first, last, left, right), columns, ((starts, ways), values) = place, len(above), block[9:11]
-    inside, crossed, count, links = 0, 0, 0, np.int64(0)
+    inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
     for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
-        row, old, kept = i * columns, crossed, np.int64(i >= begun)
+        row, old, kept = i * columns, crossed, int(i >= begun)
         if links + 2 * columns > len(ways):
             break
         begin, end, begun = row + PAD - 1, row + PAD + right - left, max(begun, i + 1)

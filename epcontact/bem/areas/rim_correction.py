@@ -31,7 +31,7 @@ from epcontact.scene import LARGEST, array, listed, positive, whole
 
 #: By what share of it the offset changes with a front's direction (`rim.calibrate_directions`).
 HARMONIC = 0.0711
-#: Cells missed for each tip of a contact thinner than a spacing: it is round as half a spot is.
+#: Cells of a gap missed at each of its tips thinner than a spacing: it is round as half a spot is.
 TIP = CORNER / 2
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
@@ -160,17 +160,18 @@ def _covariance(sums: Sums, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    its doubt as far as they have one direction, a tenth or more, ANYWHERE/3 at edges and kinks.
+    5/4 of its doubt as far as they have one direction, a tenth or more, ANYWHERE/3 at edges, kinks.
     What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
     on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
     """
     aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
     common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (CORNER / 12 * sums.turn) ** 2
-    common += (np.maximum(aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
+    common += (np.maximum(1.25 * aligned, 0.1) * sums.doubt) ** 2 + (sums.released / 4) ** 2
     common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
     common += (STRIPS * (sums.length + sums.shared).min()) ** 2
-    return np.asarray(np.diag(chance + common) + NARROW**2 * sums.shared.mean())
+    strips = NARROW**2 * sums.shared.mean()  # move both fronts, where points show both
+    return np.asarray(np.diag(chance + common) + (strips if sums.points[1] else np.eye(2) * strips))
 
 
 def _balanced(
