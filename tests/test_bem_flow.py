@@ -100,6 +100,15 @@ def test_points_that_err_alike_are_back_at_the_peak():
     assert first.areas["raw"].plastic > down.areas["raw"].plastic == 0
 
 
+def test_a_zone_that_no_point_shows_is_plastic_at_the_peak_alone():
+    pits = np.random.default_rng(3).random((32, 32)) < 0.1
+    surface, material = Surface(-1e-5 * pits, (1e-3, 1e-3)), Material(1e12, 0.3, hardness=1e7)
+    first, down, again = bem.solve(Scene(surface, material, Load((5e6, 2e6, 5e6)))).steps
+    assert first.areas["corrected"] == again.areas["corrected"]
+    assert first.areas["corrected"].plastic > first.areas["raw"].plastic == 0.0
+    assert down.areas["corrected"].plastic == 0.0
+
+
 def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
     """Without elasticity the highest p0/hardness of the surface is cut off (Abbott-Firestone)."""
     scene = replace(scene_of((1, 0)), material=Material(1e7, 0.3, hardness=HARDNESS))

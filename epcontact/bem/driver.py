@@ -162,6 +162,8 @@ class _Path:
         pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
         while True:
             load = path[len(steps)]
+            if before is not None and load >= peak and not before.any():
+                before = None  # at its peak again, a zone that no point shows flows on
             problem = GridProblem(left, self.symbol, load, self.scene.material.hardness)
             shown = replace(self.options, progress=self.share_done(len(steps)))
             now = loaded(problem, shown, start, before, peak)
@@ -171,7 +173,7 @@ class _Path:
                 self.on_step(self.result(tuple(steps), now, dict(pairs)))
             if len(steps) == len(path):
                 return tuple(steps), now, pairs
-            if path[len(steps)] < load and now.after is not None and now.after.any():
+            if path[len(steps)] < load and now.after is not None:
                 before, peak = now.after, max(peak, load)
                 left = heights - before
             start = _warm_start(now, left, path[len(steps)])
