@@ -46,10 +46,17 @@ def loaded(
     """Solve one load of a path, which may be zero, and find the plastic displacement after it.
     Below `peak`, the load in Pa that has left the one before, nothing flows; 0: it is not known."""
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
-    if before is not None and problem.mean_pressure >= peak * (1 - 1e-12):
+    if before is not None and (problem.mean_pressure >= peak or _at(peak, problem)):
         _put_on_hardness(problem, solution, before, peak, options.tolerance)
-    after = flowed(problem, solution, before) if math.isfinite(problem.hardness) else before
+    # At the peak the offset of a contact without elastic points is not that of the first time.
+    more = math.isfinite(problem.hardness) and (before is None or not _at(peak, problem))
+    after = flowed(problem, solution, before) if more else before
     return LoadedSurface(problem, solution, before, after)
+
+
+def _at(peak: float, problem: GridProblem) -> bool:
+    """Whether a load is a known largest one before it, but for rounding."""
+    return math.isclose(problem.mean_pressure, peak, rel_tol=1e-12)
 
 
 def _apart(problem: GridProblem) -> PressureSolution:
@@ -87,7 +94,7 @@ def _put_on_hardness(
     error = residual * problem.gap_scale() / problem.symbol.shortest()
     if not old.any() or (not peak and hardness - pressure.mean(where=old) > error / 10):
         return
-    error *= 10 if problem.mean_pressure <= peak * (1 + 1e-12) else 1
+    error *= 10 if _at(peak, problem) else 1
     back = old & (pressure >= hardness - error)
     excess = float(np.sum(hardness - pressure, where=back))
     pressure[back] = hardness
