@@ -74,11 +74,8 @@ def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
 def test_small_falls_over_deep_valleys_end_all_flow(kind):
     """The error that the rms height allows a pressure once was taken for a return to the peak."""
     valley, hardness, share = kind
-    x, k, phases = (
-        np.arange(4096) / 4096,
-        np.arange(1, 256),
-        np.random.default_rng(1).uniform(size=255),
-    )
+    x, k = np.arange(4096) / 4096, np.arange(1, 256)
+    phases = np.random.default_rng(1).uniform(size=k.size)
     heights = np.cos(2 * np.pi * (np.outer(x, k) + phases)) @ k**-1.3 / 30
     surface = Surface(1e-6 * (heights - valley * (abs(x - 0.5) < 0.1)), (1.0,))
     up, down = Load(0.3 * hardness), Load(0.3 * hardness * share)

@@ -162,8 +162,6 @@ class _Path:
         pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
         while True:
             load = path[len(steps)]
-            if before is not None and load >= peak and not before.any():
-                before = None  # at its peak again, a zone that no point shows flows on
             problem = GridProblem(left, self.symbol, load, self.scene.material.hardness)
             shown = replace(self.options, progress=self.share_done(len(steps)))
             now = loaded(problem, shown, start, before, peak)

@@ -46,17 +46,16 @@ def loaded(
     """Solve one load of a path, which may be zero, and find the plastic displacement after it.
     Below `peak`, the load in Pa that has left the one before, nothing flows; 0: it is not known."""
     solution = solve_problem(problem, options, start) if problem.mean_pressure else _apart(problem)
-    if before is not None and (problem.mean_pressure >= peak or _at(peak, problem)):
-        _put_on_hardness(problem, solution, before, peak, options.tolerance)
+    again = math.isclose(problem.mean_pressure, peak, rel_tol=1e-12)
+    if before is not None and (again or problem.mean_pressure > peak):
+        if before.any():
+            _put_on_hardness(problem, solution, before, options.tolerance, again, peak > 0)
+        else:
+            before = None  # a zone that no point shows flows on
     # At the peak the offset of a contact without elastic points is not that of the first time.
-    more = math.isfinite(problem.hardness) and (before is None or not _at(peak, problem))
+    more = math.isfinite(problem.hardness) and (before is None or not again)
     after = flowed(problem, solution, before) if more else before
     return LoadedSurface(problem, solution, before, after)
-
-
-def _at(peak: float, problem: GridProblem) -> bool:
-    """Whether a load is a known largest one before it, but for rounding."""
-    return math.isclose(problem.mean_pressure, peak, rel_tol=1e-12)
 
 
 def _apart(problem: GridProblem) -> PressureSolution:
@@ -78,24 +77,24 @@ def flowed(
 
 
 def _put_on_hardness(
-    problem: GridProblem, solution: PressureSolution, before: FloatArray, peak: float,
-    tolerance: float,
+    problem: GridProblem, solution: PressureSolution, before: FloatArray, tolerance: float,
+    again: bool, known: bool,
 ) -> None:  # fmt: skip
     """Put pressures on the hardness, in place, that have come back to it within their error.
 
     When a load returns to the largest one before it, both the gap and the distance of the pressure
     from the hardness vanish where the surface has flowed: rounding would decide what is plastic.
     The error of a pressure is that of the gap, of this solve and of the one that left the surface,
-    divided by the compliance of the shortest wave.  At a known peak some times that is allowed, for
-    points that err alike; at an unknown one a load must show the far smaller error of the mean.
+    divided by the compliance of the shortest wave.  Where it is the peak `again`, some times that
+    is allowed, for points that err alike; where the peak is not `known`, a load must show the far
+    smaller error of the mean.
     """
     pressure, hardness, old = solution.pressure, problem.hardness, before > 0
     residual = max(solution.residuals.values()) + tolerance
     error = residual * problem.gap_scale() / problem.symbol.shortest()
-    if not old.any() or (not peak and hardness - pressure.mean(where=old) > error / 10):
+    if not known and hardness - pressure.mean(where=old) > error / 10:
         return
-    error *= 10 if _at(peak, problem) else 1
-    back = old & (pressure >= hardness - error)
+    back = old & (pressure >= hardness - (10 * error if again else error))
     excess = float(np.sum(hardness - pressure, where=back))
     pressure[back] = hardness
     # The other points give back what these have gained, far below their error.

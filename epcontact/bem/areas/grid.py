@@ -220,14 +220,14 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
     ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
     k, q = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift
     place, doubts, holds, zones, kinks, falls, steeper = block[11]
-    is_point, code = np.int64(state[k] > 0), np.int64(codes[k]) & 15
+    is_point, code = int(state[k] > 0), int(codes[k]) & 15
     if code == 0:  # before the block
         return
     code ^= 15 * is_point
-    cut, saddle, straight = _CUT[code], np.int64(code % 5 == 0), np.int64(code % 3 == 0)
+    cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
     a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
     e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
-    cut ^= saddle & np.int64(a + b + c + d + e + f + g + h > 0)  # the inside is connected
+    cut ^= saddle & int(a + b + c + d + e + f + g + h > 0)  # the inside is connected
     dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
     inverse = 1 / max(dx * dx + dy * dy, 1e-300)
     product, flat = dx * dy * inverse, math.sqrt(inverse)
@@ -239,7 +239,7 @@ def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums:
             dx += (b + c - a - d) / 2  # the gradient at the peak load
             dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
             within = min(a, b, c, d) > 0  # a flattened spot, where nothing moves along
-            u = np.inf if within else solution.yielded / max(math.sqrt(dx * dx + dy * dy), 1e-150)
+            u = np.inf if within else solution.yielded / max(math.hypot(dx, dy), 1e-150)
     is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
     sums.area += 1 - is_inside - is_point  # which was counted as a point
     for corner in range(cut, cut + 1 + 2 * saddle, 2):
