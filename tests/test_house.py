@@ -23,7 +23,7 @@ FLOORS = (
 #: in its commit why the room grows.
 LINES = {
     "epcontact": 101,
-    "epcontact.bem": 3766,
+    "epcontact.bem": 3768,
     "epcontact.cli": 1419,
     "epcontact.errors": 81,
     "epcontact.files": 132,
@@ -39,7 +39,7 @@ LINES = {
     "epcontact.studies": 2817,
     "epcontact.surfaces": 1994,
     "fem_check": 3642,
-    "tests": 16403,
+    "tests": 16404,
 }
 #: Imports of the project inside functions, each with its reason beside it; fewer is better.
 DEFERRED = 15

@@ -29,7 +29,7 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, Links, locate
+from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, Links, locate, relocate
 from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
@@ -85,7 +85,8 @@ def row_period(direction, period):
 def link_of(v, hardness=math.inf):
     """The `Links` of six values v, from inside out, where nothing has flowed before, as numbers."""
     values, found = np.append(v, (0.0, hardness, 0.0))[:, None], np.zeros((len(Links._fields), 1))
-    locate(values, 1, hardness, Links(*found))
+    for find in (locate, relocate):
+        find(values, 1, hardness, Links(*found))
     return Links(*found[:, 0])
 
 

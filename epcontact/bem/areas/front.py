@@ -19,7 +19,7 @@ what is cut away outside a contact does not change it.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 
@@ -52,16 +52,22 @@ class Links(NamedTuple):
     steeper: FloatArray  # by what share v is steeper than on the link inside, or 0 if it is not
 
 
-@compiled
-def release(fallen: float, u: float) -> float:
+@inner
+def width(u: float) -> float:
+    """Width in the continuum of a strip that is u spacings, at most 1, wide by its gradient."""
+    return 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)
+
+
+@inner
+def release(fallen: float, strip: float) -> float:
     """How far a front has come off the edge of a flattened spot, in spacings.
 
-    fallen: as of `Links`; u: width of the strip at the peak load, at most 1.  In the continuum it
-    is d = 4/pi exp(e (1 - 1/u) - gamma) wide and has the pressure H (2/pi) arcsin sqrt(s/d).  A
-    fall takes K/sqrt(s) off, or all of it up to x, where K = fallen sqrt(e)/pi H is the integral
-    over the strip of (2/pi) sqrt(x - a) dp(a).  Both ends are expanded in k = pi K/(H sqrt d).
+    fallen: as of `Links`; strip: d, its `width`.  In the continuum the pressure there was
+    H (2/pi) arcsin sqrt(s/d).  A fall takes K/sqrt(s) off, or all of it up to x, where K = fallen
+    sqrt(e)/pi H is the integral over the strip of (2/pi) sqrt(x - a) dp(a).  Both ends are expanded
+    in k = pi K/(H sqrt d).
     """
-    strip, square = 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216), math.e * fallen**2
+    square = math.e * fallen**2
     k = math.sqrt(square / max(strip, 1e-300))
     if k < 4 / math.pi:
         return strip * k * (1 - k / 8 - 0.0342 * k * k)
@@ -91,16 +97,17 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
 
 
 @inner
-def wedge(hardness: float, load: float, near: Any, far: Any) -> float:
+def wedge(hardness: float, a: float, b: float, centre: float, d: float, e: float) -> float:
     """Width of the plastic ridge of a wedge whose load one point carries, in spacings, or 0.
 
-    near, far: -c g of the points beside it, which it has moved by 1.05 and 1.55 dx p/E*.  Between
-    them both sides have their slopes t, wherever the ridge is; a round crest opens thrice as much
-    there.  The ridge is theta_4(exp(-pi E* t/2H))^2 times as wide as its load at the hardness H.
+    a to e: p - c g of five points, of which only the centre is elastic in the mirror image.  The
+    load has moved b and d by 1.05 and a and e by 1.55 dx p/E*, so that between them both sides have
+    their slopes t, wherever the ridge is; a round crest opens thrice as much there.  The ridge is
+    theta_4(exp(-pi E* t/2H))^2 times as wide as its load at the hardness H.
     """
-    one, other = 0.29 * load + near[0] - far[0], 0.29 * load + near[1] - far[1]
-    rounded = one + other > 1.5 * (1.213 * load - near[0] - near[1])
-    if rounded or max(near[0], near[1]) > 0 or min(one, other) <= 0:
+    load = hardness - centre
+    one, other = 0.29 * load + a - b, 0.29 * load + e - d
+    if one + other > 1.5 * (1.213 * load + b + d - 2 * hardness) or min(one, other) <= 0:
         return 0.0
     nome = math.exp(-math.pi / 2 * math.sqrt(one * other) / (hardness * STIFFNESS))
     return load / hardness * max(1 - 2 * nome, 0.0) ** 2
@@ -122,54 +129,13 @@ def vanishes(value: float, fall: float, bend: float) -> float:
 
 @compiled
 def locate(values: FloatArray, count: int, hardness: float, links: Links) -> None:
-    """Find `Links` between the third of six points, which is inside, and the fourth.
+    """Find `Links` between the third of six points, which is inside, and the fourth, if smooth.
 
     values: (9, n), v of `grid` at the six points; flow, 0 where the third has not flowed before, -1
     where both have, else 1, by `fallen` more at an edge; the hardness there; memory.
     """
-    _smooth(values, count, hardness, links)
     place, doubt, held, zone, kinked, fallen, steeper = links
-    for n in range(count):
-        kind, last, out, flow = int(values[8, n]), values[2, n], values[3, n], values[6, n]
-        if kind == 0:
-            continue
-        step, kink, elastic, line = kind & 1 > 0, kind & 2 > 0, last < hardness, last / (last - out)
-        if flow > 1:  # at the peak by the polynomial, far below it by the line
-            fallen[n], steeper[n] = flow - 1, 0.0
-            place[n] += fallen[n] * (line - place[n])
-            doubt[n] *= 1 - fallen[n]
-            continue
-        before, after, end = values[1, n], values[4, n], values[5, n]
-        if kind & 4:
-            half, shift = crease(before, last, out, after, end)
-            if half > 0:
-                place[n], doubt[n], kinked[n] = 1 - half - shift + AXIS_OFFSET, 0.0, 1.0
-                continue
-        holds, away = step and (place[n] < 0.5 or not elastic), 0.0
-        if kink and not holds:  # the gap's parabola (a line without `end`) closes so far from `out`
-            bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
-            away = vanishes(-out, out - after - bend, -bend) if after <= 0 else 1.0
-        if kind & 16:  # an edge
-            fall, bend = inside(values[0, n], before, last)
-            place[n], doubt[n] = vanishes(last, fall + bend / 2, bend / 2), bend / 2 / fall
-            away = place[n]
-        if (step or kink or away >= 1) and elastic:  # singular, or rising as a logarithm at kinks
-            at_edge = (math.pi / 4 * last / hardness) ** 2
-            zone[n] = at_edge if step or not kink else 3 ** ((last - hardness) / (last - before))
-        if holds or away >= 1:
-            place[n], doubt[n], held[n] = 0.5, 0.0, 1.0
-            continue
-        if kink:
-            place[n] = min(max(1 - away + AXIS_OFFSET * (1 - line), 0.0), 1.0)
-        kinked[n] = 1.0 if kind & 18 or flow > 0 else 0.0
-
-
-@inner
-def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> None:
-    """Find smooth fronts by the polynomial; the memory tells where steps, kinks, edges, old flow
-    or a gap of at most one point change that.  Without branches, many links are found at once."""
-    place, doubt, held, zone, kinked, fallen, steeper = links
-    for n in range(count):
+    for n in range(count):  # without branches, many are found at once
         first, before, last = values[0, n], values[1, n], values[2, n]
         out, after, flow, top = values[3, n], values[4, n], values[6, n], values[7, n]
         elastic, gap = last < top, (after <= 0) & (flow >= 0)
@@ -212,3 +178,42 @@ def _smooth(values: FloatArray, count: int, hardness: float, links: Links) -> No
         fast = max(last - out, (1 + MIX) * out - after) > 1.25 * drop + STEP * abs(curve)
         edge = fast & elastic & contact & gap & (first > 0) & (drop > 0) & (not (step | kink))
         values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0) + 16 * edge
+
+
+@compiled
+def relocate(values: FloatArray, count: int, hardness: float, links: Links) -> None:
+    """Find again the `Links` at steps, kinks, gaps of one point, old flow and edges."""
+    place, doubt, held, zone, kinked, fallen, steeper = links
+    for n in range(count):
+        kind, last, out, flow = int(values[8, n]), values[2, n], values[3, n], values[6, n]
+        if kind == 0:
+            continue
+        step, kink, elastic, line = kind & 1 > 0, kind & 2 > 0, last < hardness, last / (last - out)
+        if flow > 1:  # at the peak by the polynomial, far below it by the line
+            fallen[n], steeper[n] = flow - 1, 0.0
+            place[n] += fallen[n] * (line - place[n])
+            doubt[n] *= 1 - fallen[n]
+            continue
+        before, after, end = values[1, n], values[4, n], values[5, n]
+        if kind & 4:
+            half, shift = crease(before, last, out, after, end)
+            if half > 0:
+                place[n], doubt[n], kinked[n] = 1 - half - shift + AXIS_OFFSET, 0.0, 1.0
+                continue
+        holds, away = step and (place[n] < 0.5 or not elastic), 0.0
+        if kink and not holds:  # the gap's parabola (a line without `end`) closes so far from `out`
+            bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
+            away = vanishes(-out, out - after - bend, -bend) if after <= 0 else 1.0
+        if kind & 16:  # an edge
+            fall, bend = inside(values[0, n], before, last)
+            place[n], doubt[n] = vanishes(last, fall + bend / 2, bend / 2), bend / 2 / fall
+            away = place[n]
+        if (step or kink or away >= 1) and elastic:  # singular, or rising as a logarithm at kinks
+            at_edge = (math.pi / 4 * last / hardness) ** 2
+            zone[n] = at_edge if step or not kink else 3 ** ((last - hardness) / (last - before))
+        if holds or away >= 1:
+            place[n], doubt[n], held[n] = 0.5, 0.0, 1.0
+            continue
+        if kink:
+            place[n] = min(max(1 - away + AXIS_OFFSET * (1 - line), 0.0), 1.0)
+        kinked[n] = 1.0 if kind & 18 or flow > 0 else 0.0

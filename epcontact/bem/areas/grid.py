@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.areas.front import Links, crease, inner, locate, release, wedge
+from epcontact.bem.areas.front import Links, crease, inner, locate, release, relocate, wedge, width
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
@@ -77,34 +77,46 @@ class Sums(NamedTuple):
     chance: FloatArray  # and times its square
 
 
-#: The `Sums` of a front as a record.
-SUMS = np.dtype([(name, float) for name in Sums._fields])
-
-
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
     """The `Sums` (n, 2) over blocks (n, 4), first row, row after the last, and so the columns, of
     the cells of a periodic grid; offsets: at WIDTHS."""
     sizes, layers = blocks[:, 1::2] - blocks[:, ::2], len({*solution.stiffness})
     rows, columns = (sizes.max(axis=0) + 2 * PAD + (0, 7)) // (1, 8) * (1, 8)
-    points, found = rows * columns, np.zeros((len(blocks), 2), SUMS)
-    (state, codes), links = np.zeros((2, points), np.uint8), points // 4 + 4 * columns  # at a time
-    block = (  # of the points of a block of cells, and PAD more on each side, row by row
-        (np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)),  # to the next
-        np.empty(layers * points),  # point, row and v, which is along x or, if it differs, y
-        state,  # 0 where apart, 1 where elastic, 2 where plastic
-        np.zeros(layers * points if solution.flowed.size else 0),  # c w of the flow before, alike
-        codes,  # of cells: 2^k for corners beyond the front, 16 where elastic
-        codes.view(np.uint64),  # the same memory, of eight cells at once
-        np.empty((2, points), np.uint32),  # the cells that a front crosses, and the elastic ones
-        np.empty((4, points), np.uint32),  # the links on the sides of the cells that it crosses
-        np.empty(columns, np.uint32),  # the last link along y in a column
-        np.empty((2, links), np.int32),  # the first of a link's six points, and the way on
-        np.empty((9, links)),  # of links, as of `locate`
-        Links(*np.empty((len(Links._fields), links))),
-    )
+    points, record = rows * columns, [(name, float) for name in Sums._fields]
+    # Of the points of a block, and PAD more on each side, row by row: the steps to the next point,
+    # row and v, which is along x or, if it differs, y; 0 where apart, 1 where elastic, 2 where
+    # plastic; c w of the flow before, as v is.
+    steps = np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)
+    v, sunk = np.empty(layers * points), np.zeros(layers * points if solution.flowed.size else 0)
+    (state, codes), found = np.zeros((2, points), np.uint8), np.zeros((len(blocks), 2), record)
+    # Of cells: 2^k for corners beyond the front, 16 where elastic, and the same memory of eight at
+    # once; those that a front crosses, with the links on their sides; the elastic ones.
+    (cells, elastic), sides = np.empty((2, points), np.uint32), np.empty((4, points), np.uint32)
+    # Of as many links at a time: the first of six points, the way on, what `locate` takes and
+    # finds; the last one along y in each column.
+    links, above = points // 4 + 4 * columns, np.empty(columns, np.uint32)
+    (starts, ways), values = np.empty((2, links), np.int32), np.empty((9, links))
+    located = Links(*np.empty((len(Links._fields), links)))
+    lists = codes, codes.view(np.uint64), cells, elastic, sides, above, starts, ways
+    grid, fronts = (steps, v, state, sunk), (codes, cells, sides, located)
+    hardness, caps = solution.hardness, (solution.hardness, solution.yielded)
     table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
-    _sweep(block, solution, blocks, table, found)
-    if solution.hardness < np.inf:  # inside the plastic front is outside its mirror image
+    for place, both in zip(blocks, found, strict=True):
+        _fill(grid, solution, place)
+        for front in range(2 if hardness < np.inf else 1):
+            if front:  # the mirror image, which has not flowed before
+                np.subtract(hardness, v, v)
+                np.subtract(2, state, state)
+                sunk[:] = 0.0
+            sums, row = both[front : front + 1], PAD
+            while row < PAD + place[1] - place[0]:  # as many as memory has links for
+                inside, crossed, hidden, links, row = _number(grid, lists, values, place, row, caps)
+                sums["points"] += inside
+                locate(values, links, hardness, located)
+                relocate(values, links, hardness, located)
+                _segments(grid, fronts, crossed, caps, table, sums)
+                _hidden(grid, elastic, hidden, hardness, sums)
+    if hardness < np.inf:  # inside the plastic front is outside its mirror image
         found["points"][:, 1] = sizes.prod(axis=1) - found["points"][:, 1]
         found["area"][:, 1], found["turn"][:, 1] = -found["area"][:, 1], -found["turn"][:, 1]
     found["area"] += found["points"]
@@ -112,36 +124,14 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
 
 
 @compiled
-def _sweep(block: Any, solution: Solution, blocks: Any, offsets: FloatArray, found: Any) -> None:
-    """Add up the `Sums` of each front over the cells of each block."""
-    (_, v, state, sunk), hardness = block[:4], solution.hardness
-    for n in range(len(blocks)):
-        _fill(block, solution, blocks[n])
-        for front in range(2 if hardness < np.inf else 1):
-            if front:  # the mirror image, which has not flowed before
-                np.subtract(hardness, v, v)
-                np.subtract(np.uint8(2), state, state)
-                sunk[:] = 0.0
-            sums, row = found[n, front], np.int64(PAD)
-            while row < PAD + blocks[n, 1] - blocks[n, 0]:  # as many as memory has links for
-                inside, crossed, elastic, links, row = _numbered(block, solution, blocks[n], row)
-                sums.points += inside
-                locate(block[10], links, hardness, block[11])
-                for m in range(crossed):
-                    _segments(block, solution, m, offsets, sums)
-                for m in range(elastic):
-                    _hidden(block, m, hardness, sums)
-
-
-@inner
-def _fill(block: Any, solution: Solution, place: NDArray[np.int64]) -> None:
+def _fill(grid: Any, solution: Solution, place: NDArray[np.int64]) -> None:
     """Fill the memory with the points of a block."""
     (pressure, gap, top, stiffness, flowed, _), (first, last, left, right) = solution, place
-    (_, v, state, sunk), (nx, ny), columns = block[:4], pressure.shape, len(block[8])
+    (steps, v, state, sunk), (nx, ny) = grid, pressure.shape
     for i in range(last - first + 2 * PAD):
         row, done, width = (first - PAD + i) % nx, 0, right - left + 2 * PAD
         while done < width:  # from one end of the period to the next
-            start, at = (left - PAD + done) % ny, i * columns + done
+            start, at = (left - PAD + done) % ny, i * np.int64(steps[1]) + done
             stop = min(ny, start + width - done)
             p, g, states = pressure[row, start:stop], gap[row, start:stop], state[at:]
             for layer in range(len(v) // len(state)):
@@ -155,11 +145,11 @@ def _fill(block: Any, solution: Solution, place: NDArray[np.int64]) -> None:
             done += stop - start
 
 
-@inner
-def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[int, ...]:
+@compiled
+def _number(grid: Any, lists: Any, values: Any, place: Any, begun: int, caps: Any) -> Any:
     """Number crossed cells, elastic points and links, and gather what `locate` needs of these."""
-    (steps, v, state, sunk, codes, eights), ((cells, elastic), sides, above) = block[:6], block[6:9]
-    (first, last, left, right), columns, ((starts, ways), values) = place, len(above), block[9:11]
+    codes, eights, cells, elastic, sides, above, starts, ways = lists
+    (steps, v, state, sunk), (first, last, left, right), columns = grid, place, len(above)
     inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
     for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
         row, old, kept = i * columns, crossed, int(i >= begun)
@@ -195,9 +185,9 @@ def _numbered(block: Any, solution: Solution, place: Any, begun: int) -> tuple[i
     for n in range(links):
         for k in range(6):
             values[k, n] = v[np.uint64(starts[n] + k * ways[n])]
-        values[6, n], values[7, n] = 0.0, solution.hardness
+        values[6, n], values[7, n] = 0.0, caps[0]
         if len(sunk):
-            _recall(values[:, n], sunk, starts[n], ways[n], solution.yielded)
+            _recall(values[:, n], sunk, starts[n], ways[n], caps[1])
     return inside, crossed, count, links, begun
 
 
@@ -214,80 +204,84 @@ def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> No
         link[7] = min(link[7], top, link[j]) if lost > 0 else link[7]
 
 
-@inner
-def _segments(block: Any, solution: Solution, m: int, offsets: FloatArray, sums: Any) -> None:
-    """Add the segments of a front in a cell that it crosses, and a tip, to the `Sums`."""
-    ((unit, columns, shift), v, state, sunk, codes), cells, sides = block[:5], block[6], block[7]
-    k, q = np.uint64(cells[0, m]), np.uint64(cells[0, m]) + shift
-    place, doubts, holds, zones, kinks, falls, steeper = block[11]
-    is_point, code = int(state[k] > 0), int(codes[k]) & 15
-    if code == 0:  # before the block
-        return
-    code ^= 15 * is_point
-    cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
-    a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
-    e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
-    cut ^= saddle & int(a + b + c + d + e + f + g + h > 0)  # the inside is connected
-    dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
-    inverse = 1 / max(dx * dx + dy * dy, 1e-300)
-    product, flat = dx * dy * inverse, math.sqrt(inverse)
-    sin4, cos4 = 4 * product * (dx - dy) * (dx + dy) * inverse, 1 - 8 * product * product
-    narrow, u = min(solution.hardness * flat, 1.0) ** 2, solution.yielded * flat
-    if len(sunk):
-        a, b, c, d = sunk[k - columns - unit], sunk[k - unit], sunk[k], sunk[k - columns]
-        if max(a, b, c, d) > 0:
-            dx += (b + c - a - d) / 2  # the gradient at the peak load
-            dy += solution.stiffness[1] / solution.stiffness[0] * (c + d - a - b) / 2
-            within = min(a, b, c, d) > 0  # a flattened spot, where nothing moves along
-            u = np.inf if within else solution.yielded / max(math.hypot(dx, dy), 1e-150)
-    is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
-    sums.area += 1 - is_inside - is_point  # which was counted as a point
-    for corner in range(cut, cut + 1 + 2 * saddle, 2):
-        one = np.uint64(sides[(corner + straight) & 3, m])
-        other, away = np.uint64(sides[(corner + 3) & 3, m]), 0.0
-        x, y = 1 - is_inside + sign * place[one], 1 - is_inside + sign * place[other]
-        held, doubt = (holds[one] + holds[other]) / 2, (doubts[one] + doubts[other]) / 2
-        if len(sunk) and max(falls[one], falls[other]) > 0:
-            back, gone = release(falls[one], min(u, 1.0)), release(falls[other], min(u, 1.0))
-            x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
-        length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
-        sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
-        own, free = max(narrow, held) * length, (1 - held) * length
-        sums.released += away * length
-        wide = u * (1 + (steeper[one] + steeper[other]) / 4)  # by the slope of both its fronts
-        offset = offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
-        sums.offset += offset
-        sums.harmonic += cos4 * offset
-        sums.sine += sin4 * offset
-        sums.turn += 0.25 * sign * (1 - straight)
-        sums.zone += (zones[one] + zones[other]) / 2 * length
-        sums.length += own
-        sums.shared += length - own
-        sums.held += held * own
-        sums.kinked += (kinks[one] + kinks[other]) / 2 * own
-        sums.doubt += doubt * own * (1 - held)
-        sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
-    sums.tips += _tip(block, k, solution.hardness)
+@compiled
+def _segments(grid: Any, fronts: Any, count: int, caps: Any, offsets: Any, out: Any) -> None:  # noqa: PLR0915
+    """Add the segments of a front in cells that it crosses, and tips, to the `Sums`."""
+    ((unit, columns, shift), v, state, sunk), (codes, cells, sides, links) = grid, fronts
+    place, doubts, holds, zones, kinks, falls, steeper = links
+    (hardness, top), sums = caps, out[0]
+    for m in range(count):
+        k, q = np.uint64(cells[m]), np.uint64(cells[m]) + shift
+        is_point, code = int(state[k] > 0), int(codes[k]) & 15
+        if code == 0:  # before the block
+            continue
+        code ^= 15 * is_point
+        cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
+        a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
+        e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
+        cut ^= saddle & int(a + b + c + d + e + f + g + h > 0)  # the inside is connected
+        dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
+        inverse = 1 / max(dx * dx + dy * dy, 1e-300)
+        product, flat = dx * dy * inverse, math.sqrt(inverse)
+        sin4, cos4 = 4 * product * (dx - dy) * (dx + dy) * inverse, 1 - 8 * product * product
+        narrow, u, strip = min(hardness * flat, 1.0) ** 2, top * flat, 0.0
+        if len(sunk):
+            a, b, c, d = sunk[k - columns - unit], sunk[k - unit], sunk[k], sunk[k - columns]
+            if max(a, b, c, d) > 0:
+                dx += (b + c - a - d) / 2  # the gradient at the peak load
+                dy += (sunk[q] + sunk[q - columns] - sunk[q - unit] - sunk[q - columns - unit]) / 2
+                u = top / max(math.hypot(dx, dy), 1e-150)
+                u = np.inf if min(a, b, c, d) > 0 else u  # in a flattened spot nothing moves along
+                strip = width(min(u, 1.0))
+        is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
+        sums.area += 1 - is_inside - is_point  # which was counted as a point
+        for corner in range(cut, cut + 1 + 2 * saddle, 2):
+            one = np.uint64(sides[(corner + straight) & 3, m])
+            other, away = np.uint64(sides[(corner + 3) & 3, m]), 0.0
+            x, y = 1 - is_inside + sign * place[one], 1 - is_inside + sign * place[other]
+            held, doubt = (holds[one] + holds[other]) / 2, (doubts[one] + doubts[other]) / 2
+            if len(sunk) and max(falls[one], falls[other]) > 0:
+                back, gone = release(falls[one], strip), release(falls[other], strip)
+                x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
+            length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
+            sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
+            own, free = max(narrow, held) * length, (1 - held) * length
+            sums.released += away * length
+            wide = u * (1 + (steeper[one] + steeper[other]) / 4)  # by the slope of both its fronts
+            offset = offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
+            sums.offset += offset
+            sums.harmonic += cos4 * offset
+            sums.sine += sin4 * offset
+            sums.turn += 0.25 * sign * (1 - straight)
+            sums.zone += (zones[one] + zones[other]) / 2 * length
+            sums.length += own
+            sums.shared += length - own
+            sums.held += held * own
+            sums.kinked += (kinks[one] + kinks[other]) / 2 * own
+            sums.doubt += doubt * own * (1 - held)
+            sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
+        sums.tips += _tip(grid, k, hardness)
 
 
 @inner
-def _tip(block: Any, k: Any, hardness: float) -> float:
+def _tip(grid: Any, k: Any, hardness: float) -> float:
     """1 where a point apart with at most two such neighbours, not on one line, is a tip, and less
     by the steepest way to a neighbour, which gives the width of the strip beside the front."""
-    ((unit, columns, shift), v, state), apart, steepest = block[:3], 0, 0.0
+    ((unit, columns, shift), v, state), apart, steepest = grid[:3], 0, 0.0
     along, across = state[k - unit] | state[k + unit], state[k - columns] | state[k + columns]
-    if (state[k] > 0) | (along == 0) | (across == 0):
+    for row in (k - columns, k, k + columns):
+        apart += (state[row - unit] == 0) + (state[row] == 0) + (state[row + unit] == 0)
+    if (state[k] > 0) | (along == 0) | (across == 0) | (apart > 3):
         return 0.0
     for row in (k - columns, k, k + columns):
         for near in (row - unit, row, row + unit):
-            apart += state[near] == 0
             steepest = max(steepest, abs(v[near] + v[near + shift] - v[k] - v[k + shift]) / 2)
-    return 0.0 if apart > 3 else min(hardness / steepest, 1.0) ** 2
+    return min(hardness / steepest, 1.0) ** 2
 
 
-@inner
-def _hidden(block: Any, m: int, hardness: float, sums: Any) -> None:
-    """Add the square of a gap and the area at a crease that an elastic point may hide.
+@compiled
+def _hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) -> None:
+    """Add the squares of gaps and the areas at creases that elastic points may hide.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the distance s from its
     lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a penny-shaped crack that closes
@@ -295,28 +289,33 @@ def _hidden(block: Any, m: int, hardness: float, sums: Any) -> None:
     crease (`front`) the pressure changes less than across by ALIKE; where it is 0, the gap shows.
     A lone point may be on a wedge.
     """
-    ((unit, columns, shift), v), k = block[:2], np.uint64(block[6][1, m])
-    here, lowest, rise, area = v[k], True, 0.0, 0.0
-    for axis in range(2):
-        q, across, along = (k + shift, unit, columns) if axis else (k, columns, unit)
-        before, after = v[q - across], v[q + across]
-        if here > min(before, after):
-            lowest = False
-            continue
-        first, end = v[q - across - across], v[q + across + across]
-        if min(before, after) >= hardness:
-            near, far = (hardness - before, hardness - after), (hardness - first, hardness - end)
-            area = max(area, wedge(hardness, hardness - here, near, far))
-        before, after = min(before, hardness), min(after, hardness)
-        first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
-        rise, one, other = rise + before + after, q - along, q + along
-        one = min(v[one - across], v[one], v[one + across], hardness)
-        other = min(v[other - across], v[other], v[other + across], hardness)
-        most = ALIKE * (max(before, after) - here)  # that the pressure may change along a crease
-        change = max(max(one, other) - here, 0.0)
-        if (before < hardness) == (after < hardness) and min(one, other) > 0 and change < most:
-            area = max(area, 2 * crease(first, before, here, after, end)[0] * (1 - change / most))
-    sums.crease += area
-    rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
-    if lowest and rise > 0:  # ±0 if flat
-        sums.squares += max(math.pi * 1.5 * (0.5 - here / rise), 0.0) ** 2
+    ((unit, columns, shift), v), sums, low = grid[:2], out[0], 0
+    for k in elastic[:count]:  # without branches, hard to foresee
+        elastic[np.uint64(low)] = k
+        least = (v[k] <= min(v[k - unit], v[k + unit]), v[k] <= min(v[k - columns], v[k + columns]))
+        low += least[0] | least[1]
+    for k in elastic[:low]:
+        here, lowest, rise, area = v[k], True, 0.0, 0.0
+        for axis in range(2):
+            q, across, along = (k + shift, unit, columns) if axis else (k, columns, unit)
+            before, after = v[q - across], v[q + across]
+            if here > min(before, after):
+                lowest = False
+                continue
+            first, end = v[q - across - across], v[q + across + across]
+            if min(before, after) >= hardness:
+                area = max(area, wedge(hardness, first, before, here, after, end))
+            before, after = min(before, hardness), min(after, hardness)
+            first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
+            rise, one, other = rise + before + after, q - along, q + along
+            one = min(v[one - across], v[one], v[one + across], hardness)
+            other = min(v[other - across], v[other], v[other + across], hardness)
+            most, drift = ALIKE * (max(before, after) - here), max(max(one, other) - here, 0.0)
+            if (before < hardness) == (after < hardness) and min(one, other) > 0 and drift < most:
+                area = max(
+                    area, 2 * crease(first, before, here, after, end)[0] * (1 - drift / most)
+                )
+        sums.crease += area
+        rise = math.pi**2 / 8 * (rise / 4 - here)  # p2 of a wave with points a quarter of it apart
+        if lowest and rise > 0:  # ±0 if flat
+            sums.squares += max(math.pi * 1.5 * (0.5 - here / rise), 0.0) ** 2

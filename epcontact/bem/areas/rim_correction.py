@@ -86,7 +86,8 @@ def estimate_areas(
         if name == "pressure" and most * _ROUNDING > hardness:
             raise InvalidScene("a pressure is above the hardness: all are from 0 to it")
     summed = sums_of_fronts(pressure, gap, hardness, spacing, effective_modulus, threads, flowed)
-    return _areas(*(summed[0].points / summed[2])), *areas_of_sums(*summed)
+    total, plastic = (summed[0].points / summed[2]).tolist()
+    return Areas(total, total - plastic, plastic), *areas_of_sums(*summed)
 
 
 def sums_of_fronts(
@@ -133,10 +134,6 @@ def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tupl
     return _possible(located / cells, (covariance + np.diag(unseen)) / cells**2, share)
 
 
-def _areas(total: float, plastic: float) -> Areas:
-    return Areas(float(total), float(total - plastic), float(plastic))
-
-
 def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[Areas, Areas]:
     """Move the areas to the nearest ones that carry the load, share = p0/hardness.  The distance
     adds to their errors, which are at most those to the farther bound."""
@@ -147,7 +144,8 @@ def _possible(areas: FloatArray, covariance: FloatArray, share: float) -> tuple[
     total, plastic = np.minimum(claims, np.maximum(moved - low, high - moved))
     variance, elastic = np.trace(covariance) - 2 * covariance[0, 1], moved[0] - moved[1]
     claim = min(SURE * math.sqrt(max(variance, 0.0)) + far.sum(), max(elastic, 1 - elastic))
-    return _areas(*moved), Areas(float(total), float(claim), float(plastic))
+    corrected = Areas(float(moved[0]), float(elastic), float(moved[1]))
+    return corrected, Areas(float(total), float(claim), float(plastic))
 
 
 def located_areas(sums: Sums, oblong: float) -> FloatArray:
@@ -202,7 +200,7 @@ def copies(pressure: FloatArray) -> int:
     close = ALIKE * float(pressure[peak] - pressure.min())
     for rows, (first, at) in ((pressure, peak), (pressure.T, peak[::-1])):
         n, line = len(rows), abs(rows[:, at] - rows[first, at]) <= close
-        for step in [k for k in range(1, n // 2 + 1) if line[first - k] and n % k == 0]:
+        for step in [k for k in range(1, n // 2 + 1) if n % k == 0 and line[first - k]]:
             both = {step, n // step // 2 * step}  # what hardly changes in one does in half of all
             pairs = ((i % n, way) for i in range(first, first + n) for way in both)
             if all(np.abs(rows[i] - rows[i - way]).max() <= close for i, way in pairs):
