@@ -145,7 +145,7 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
         q0 = last if elastic else last - top
         t1 = out - q0
         t2 = (t1 + before + (mix - 1) * last) / 2 if contact else 0.0
-        t3 = ((after - mix * out - q0) / 2 - t1 - t2) / (3.0 if contact else 1.0) if gap else 0.0
+        t3 = ((after - mix * out - q0) / 2 - t1 - t2) * (1 / 3 if contact else 1.0) if gap else 0.0
         # What it adds in the middle of the link, and a fifth more beside a lone point.
         known = t3 * (0.375 if contact else 0.3) if gap else t2 / 4
         known = min(max(known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
@@ -162,8 +162,8 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
             value = q0 + x * (slope + x * (square + x * cube))
             bend = square + 3 * x * cube
             rate = slope + x * (square + bend)
-            steep = min(rate - value * bend / rate, rate / 2) if rate < 0 else t1
-            x = min(max(x - value / steep, 0.0), 1.0)
+            steep = max(rate * rate - value * bend, rate * rate / 2) if rate < 0 else t1
+            x = min(max(x - value * (rate if rate < 0 else 1.0) / steep, 0.0), 1.0)
         # Where the last point is plastic, q tells how far the front is off the root of a line in v.
         place[n] = min(max(x + last / (last - out) + q0 / t1, 0.0), 1.0)
         doubt[n] = known if smooth else -AXIS_OFFSET

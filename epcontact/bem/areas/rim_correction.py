@@ -43,7 +43,7 @@ STRIPS = 0.001
 #: The claimed error in standard deviations: nine out of ten normal errors are smaller.
 SURE = 1.645
 _ROUNDING = 1 - 1e-12  # a pressure above this share of the hardness is plastic
-_ROWS, _COLUMNS = 32, 1024  # swept at a time
+_ROWS, _COLUMNS = 64, 1024  # swept at a time
 
 
 def estimate_areas(
