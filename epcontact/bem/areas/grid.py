@@ -94,7 +94,7 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     (cells, elastic), sides = np.empty((2, points), np.uint32), np.empty((4, points), np.uint32)
     # Of as many links at a time: the first of six points, the way on, what `locate` takes and
     # finds; the last one along y in each column.
-    links, above = points // 4 + 4 * columns, np.empty(columns, np.uint32)
+    links, above = points // 8 + 4 * columns, np.empty(columns, np.uint32)
     (starts, ways), values = np.empty((2, links), np.int32), np.empty((9, links))
     located = Links(*np.empty((len(Links._fields), links)))
     lists = codes, codes.view(np.uint64), cells, elastic, sides, above, starts, ways
