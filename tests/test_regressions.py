@@ -60,20 +60,21 @@ def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
     assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
 
 
-def test_kernels_compile_where_nothing_can_be_written(tmp_path):
+@pytest.mark.parametrize("module", ["epcontact.bem.level", "epcontact.harness.methods.registry"])
+def test_kernels_compile_where_nothing_can_be_written(module, tmp_path):
     program = """
-import os
+import importlib, os, sys
 from pathlib import Path
 from numba.core import caching
 kinds = caching.CompileResultCacheImpl
 kinds._locator_classes = kinds._locator_classes[:1]  # the named folder only
-from epcontact.bem import level
+importlib.import_module(sys.argv[1])
 print(os.environ["NUMBA_CACHE_DIR"])
 assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
 """
     (tmp_path / "file").touch()
     environment = {"TMPDIR": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "file" / "kernels")}
-    command, environment = [sys.executable, "-c", program], os.environ | environment
+    command, environment = [sys.executable, "-c", program, module], os.environ | environment
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     assert done.stdout.startswith(str(tmp_path / "epcontact-kernels-"))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]  # gone with the process

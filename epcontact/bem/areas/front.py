@@ -47,7 +47,7 @@ class Links(NamedTuple):
     doubt: FloatArray  # how far out it may be instead: what the polynomial's last term moves it by
     held: FloatArray  # 1 if a step or an edge holds the front: any place is equally likely
     zone: FloatArray  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: FloatArray  # 1 at a kink, beside an edge, and where the point inside has flowed before
+    kinked: FloatArray  # 1 at a kink, beside an edge, and beside old flow that is not `fallen`
     fallen: FloatArray  # what the last point has lost since it flowed, over the hardness, or 0
     steeper: FloatArray  # by what share v is steeper than on the link inside, or 0 if it is not
 
@@ -55,7 +55,7 @@ class Links(NamedTuple):
 @inner
 def width(u: float) -> float:
     """Width in the continuum of a strip that is u spacings, at most 1, wide by its gradient."""
-    return 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)
+    return 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)  # Euler's gamma
 
 
 @inner
@@ -100,7 +100,7 @@ def crease(a: float, b: float, centre: float, d: float, e: float) -> tuple[float
 def wedge(hardness: float, a: float, b: float, centre: float, d: float, e: float) -> float:
     """Width of the plastic ridge of a wedge whose load one point carries, in spacings, or 0.
 
-    a to e: p - c g of five points, of which only the centre is elastic in the mirror image.  The
+    a to e: p - c g of five points, of which b and d are plastic and the centre is elastic.  The
     load has moved b and d by 1.05 and a and e by 1.55 dx p/E*, so that between them both sides have
     their slopes t, wherever the ridge is; a round crest opens thrice as much there.  The ridge is
     theta_4(exp(-pi E* t/2H))^2 times as wide as its load at the hardness H.
@@ -132,7 +132,7 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
     """Find `Links` between the third of six points, which is inside, and the fourth, if smooth.
 
     values: (9, n), v of `grid` at the six points; flow, 0 where the third has not flowed before, -1
-    where both have, else 1, by `fallen` more at an edge; the hardness there; memory.
+    where both have, else 1, by `fallen` more at an edge; the hardness there; what to `relocate`.
     """
     place, doubt, held, zone, kinked, fallen, steeper = links
     for n in range(count):  # without branches, many are found at once
@@ -143,7 +143,7 @@ def locate(values: FloatArray, count: int, hardness: float, links: Links) -> Non
         # Newton's polynomial q0 + x (t1 + (x - 1) (t2 + (x + 1) t3)), less a factor where a value
         # is missing.
         q0 = last if elastic else last - top
-        t1 = out - q0
+        t1 = min(out - q0, -1e-150)  # 0 between a flow and a gap of 0
         t2 = (t1 + before + (mix - 1) * last) / 2 if contact else 0.0
         t3 = ((after - mix * out - q0) / 2 - t1 - t2) * (1 / 3 if contact else 1.0) if gap else 0.0
         # What it adds in the middle of the link, and a fifth more beside a lone point.

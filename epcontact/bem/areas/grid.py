@@ -71,7 +71,7 @@ class Sums(NamedTuple):
     length: FloatArray  # own
     shared: FloatArray  # the rest of it
     held: FloatArray  # own length at edges
-    kinked: FloatArray  # own length where the surface has a kink
+    kinked: FloatArray  # own length that is `kinked`
     sine: FloatArray  # the offset times sin 4 theta
     doubt: FloatArray  # own free length times the doubt of `front`
     chance: FloatArray  # and times its square
@@ -83,20 +83,20 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     sizes, layers = blocks[:, 1::2] - blocks[:, ::2], len({*solution.stiffness})
     rows, columns = (sizes.max(axis=0) + 2 * PAD + (0, 7)) // (1, 8) * (1, 8)
     points, record = rows * columns, [(name, float) for name in Sums._fields]
-    # Of the points of a block, and PAD more on each side, row by row: the steps to the next point,
-    # row and v, which is along x or, if it differs, y; 0 where apart, 1 where elastic, 2 where
-    # plastic; c w of the flow before, as v is.
+    # Of the points of a block, and PAD more on each side, row by row: the steps to the next point
+    # and row, and from v along x to v along y, if it differs; 0 where apart, 1 where elastic, 2
+    # where plastic; c times the flow before, as v is.
     steps = np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)
-    v, sunk = np.empty(layers * points), np.zeros(layers * points if solution.flowed.size else 0)
+    v, sunk = np.zeros(layers * points), np.zeros(layers * points if solution.flowed.size else 0)
     (state, codes), found = np.zeros((2, points), np.uint8), np.zeros((len(blocks), 2), record)
-    # Of cells: 2^k for corners beyond the front, 16 where elastic, and the same memory of eight at
-    # once; those that a front crosses, with the links on their sides; the elastic ones.
+    # Of cells: 2^k for corners on the other side of the front than the last, 16 where elastic, and
+    # the same of eight at once; those that a front crosses, and the links on their sides; elastic.
     (cells, elastic), sides = np.empty((2, points), np.uint32), np.empty((4, points), np.uint32)
-    # Of as many links at a time: the first of six points, the way on, what `locate` takes and
-    # finds; the last one along y in each column.
-    links, above = points // 8 + 4 * columns, np.empty(columns, np.uint32)
-    (starts, ways), values = np.empty((2, links), np.int32), np.empty((9, links))
-    located = Links(*np.empty((len(Links._fields), links)))
+    # Of as many links at a time, for two rows at least: the first of six points, the way on, what
+    # `locate` takes and finds; the last one along y in each column.
+    room, above = points // 8 + 4 * columns, np.empty(columns, np.uint32)
+    (starts, ways), values = np.empty((2, room), np.int32), np.empty((9, room))
+    located = Links(*np.empty((len(Links._fields), room)))
     lists = codes, codes.view(np.uint64), cells, elastic, sides, above, starts, ways
     grid, fronts = (steps, v, state, sunk), (codes, cells, sides, located)
     hardness, caps = solution.hardness, (solution.hardness, solution.yielded)
@@ -110,12 +110,12 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
                 sunk[:] = 0.0
             sums, row = both[front : front + 1], PAD
             while row < PAD + place[1] - place[0]:  # as many as memory has links for
-                inside, crossed, hidden, links, row = _number(grid, lists, values, place, row, caps)
+                inside, crossed, count, links, row = _number(grid, lists, values, place, row, caps)
                 sums["points"] += inside
                 locate(values, links, hardness, located)
                 relocate(values, links, hardness, located)
                 _segments(grid, fronts, crossed, caps, table, sums)
-                _hidden(grid, elastic, hidden, hardness, sums)
+                _hidden(grid, elastic, count, hardness, sums)
     if hardness < np.inf:  # inside the plastic front is outside its mirror image
         found["points"][:, 1] = sizes.prod(axis=1) - found["points"][:, 1]
         found["area"][:, 1], found["turn"][:, 1] = -found["area"][:, 1], -found["turn"][:, 1]
@@ -129,10 +129,10 @@ def _fill(grid: Any, solution: Solution, place: NDArray[np.int64]) -> None:
     (pressure, gap, top, stiffness, flowed, _), (first, last, left, right) = solution, place
     (steps, v, state, sunk), (nx, ny) = grid, pressure.shape
     for i in range(last - first + 2 * PAD):
-        row, done, width = (first - PAD + i) % nx, 0, right - left + 2 * PAD
-        while done < width:  # from one end of the period to the next
+        row, done, wide = (first - PAD + i) % nx, 0, right - left + 2 * PAD
+        while done < wide:  # from one end of the period to the next
             start, at = (left - PAD + done) % ny, i * np.int64(steps[1]) + done
-            stop = min(ny, start + width - done)
+            stop = min(ny, start + wide - done)
             p, g, states = pressure[row, start:stop], gap[row, start:stop], state[at:]
             for layer in range(len(v) // len(state)):
                 c, values = stiffness[layer], v[layer * len(state) + at :]
@@ -193,7 +193,7 @@ def _number(grid: Any, lists: Any, values: Any, place: Any, begun: int, caps: An
 
 @inner
 def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> None:
-    """Tell a link of earlier flow.  In a strip and at an edge, points are as at the peak load."""
+    """Tell a link of earlier flow; in a strip and at an edge, v becomes that of the peak load."""
     last, out = sunk[start + 2 * way], sunk[start + 3 * way]
     edge = last > 0 == out and (1 - NARROW) * (link[2] + last - link[3]) > top
     fall = top - link[2] if edge else 0.0

@@ -31,7 +31,7 @@ from epcontact.scene import LARGEST, array, listed, positive, whole
 
 #: By what share of it the offset changes with a front's direction (`rim.calibrate_directions`).
 HARMONIC = 0.0711
-#: Cells of a gap missed at each of its tips thinner than a spacing: it is round as half a spot is.
+#: Cells that a gap lacks at each tip thinner than a spacing, which is round as half a spot is.
 TIP = CORNER / 2
 #: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself (`rim.calibrate_oblong`).
 OBLONG = 0.07
@@ -127,7 +127,7 @@ def areas_of_sums(sums: Sums, share: float, cells: float, aspect: float) -> tupl
     located, covariance = located_areas(sums, oblong), _covariance(sums, oblong)
     if sums.points[0] > sums.points[1] > 0:
         located, covariance = _balanced(located, covariance, sums, share * cells)
-    # What no point shows, the load does not tell: zones of the other front, creases, a lone point.
+    # What no point shows, the load does not tell: zones, squares (claims), creases, a lone point.
     located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
     unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (TIP / 2 * sums.tips) ** 2
     unseen += sums.crease**2 + (located * (sums.points == 1) * (cells > 1)) ** 2
@@ -158,9 +158,9 @@ def _covariance(sums: Sums, oblong: float) -> FloatArray:
     """Covariance (2, 2) of the two areas in square cells, but for tips and what no point shows.
 
     Errors by chance grow as the square root of a front's length, errors in common as the length:
-    5/4 of its doubt as far as they have one direction, a tenth or more, ANYWHERE/3 at edges, kinks.
+    of its doubt 5/4 of the share of one direction or, if more, a tenth, ANYWHERE/3 at edges, kinks.
     What a spot lacks by its curvature is known to a sixth, and to a twelfth in common (.53 to .65
-    on radii of 1.5 to 12), a release to a quarter, the offset's change with direction to 2/5.
+    on radii of 1.5 to 12), a release and OBLONG to a quarter, the change with direction to 2/5.
     """
     aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)
     chance = sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
@@ -195,7 +195,7 @@ def _balanced(
 
 
 def copies(pressure: FloatArray) -> int:
-    """Count the copies of one cell that a periodic grid (nx, ny) holds, whole points apart."""
+    """Count how often a periodic grid (nx, ny) repeats its shortest period, in whole points."""
     count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
     close = ALIKE * float(pressure[peak] - pressure.min())
     for rows, (first, at) in ((pressure, peak), (pressure.T, peak[::-1])):

@@ -1,1 +1,5 @@
 """Methods: every way to answer a scene."""
+
+from epcontact.machine import provide_kernel_cache
+
+provide_kernel_cache()  # before fem_check, which must not import it, defines its kernels

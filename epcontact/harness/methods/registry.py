@@ -28,7 +28,7 @@ from epcontact import bem
 from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.methods import foreign
-from epcontact.machine import compile_seconds, provide_kernel_cache
+from epcontact.machine import compile_seconds
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Material, Scene, Surface
@@ -210,7 +210,6 @@ def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> Conta
 
 
 def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
-    provide_kernel_cache()  # fem_check must not import it
     started, compiled = time.perf_counter(), compile_seconds()
     own = {name: value for name, value in options.items() if name != "on_step"}
     path = solve_path(scene, threads=threads, **own)
