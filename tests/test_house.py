@@ -27,7 +27,7 @@ LINES = {
     "epcontact.cli": 1419,
     "epcontact.errors": 81,
     "epcontact.files": 132,
-    "epcontact.harness": 7363,
+    "epcontact.harness": 7362,
     "epcontact.machine": 226,
     "epcontact.materials": 312,
     "epcontact.output": 1782,

@@ -228,9 +228,10 @@ def result_of(
 ) -> ContactResult:  # fmt: skip
     """Compute the result that follows at the last load from the pressure field `given` (Pa).  A
     displacement or a gap that is not given follows from it, the flat where the mean gap of elastic
-    points vanishes.  before: how far the load before has left the surface lowered, in m; flows: by
-    J2, so that no cap bounds the pressures.  The residuals are the largest gap of an elastic point
-    over the rms height, and the missing force over the nominal one."""
+    points vanishes or, without any, at the highest plastic one.  before: how far the load before
+    has left the surface lowered, in m; flows: by J2, so that no cap bounds the pressures.  The
+    residuals are the largest gap of an elastic point over the rms height, and the missing force
+    over the nominal one."""
     surface, load, pressure = scene.surface, scene.load, given["pressure"]
     for field in ("pressure", "gap", "displacement"):
         if not np.isfinite(given.get(field, 0)).all():
@@ -254,7 +255,8 @@ def result_of(
     )
     if gap is None:
         gap = displacement - surface.heights + lowered
-        gap = gap - (gap[touching].mean() if touching.any() else gap.min()) - lowered
+        level = gap[plastic].max() if plastic.any() else gap.min()
+        gap = gap - (gap[touching].mean() if touching.any() else level) - lowered
     after = np.where(plastic, np.maximum(-gap, 0.0), lowered)
     capped, left = np.where(plastic, hardness, np.maximum(pressure, 0)), gap + lowered
     rms, energy = float(np.std(surface.heights)) or 1.0, float(np.vdot(pressure, displacement))
@@ -263,12 +265,9 @@ def result_of(
         "force": abs(float(pressure.mean()) - load.final) / (load.final or max(load.path)),
     }
     bounded = replace(scene, material=replace(scene.material, hardness=hardness))
+    if not touching.any() and left[state == results.APART].min(initial=0.0) < -1e-3 * rms:
+        raise NotConverged("no pressure between 0 and the hardness, but open points below plastic")
     areas, found = figures(bounded, capped, left, energy / pressure.size / 2, before, after)
-    if math.isnan(areas["corrected"].total):
-        raise NotConverged(
-            "pressures of which no contact area follows: with the gaps that they cause, they solve "
-            "no contact problem"
-        )
     found["largest_pressure"] = float(pressure.max())
     if flows:  # what a surface shows of a body that flows inside
         found = {n: found[n] for n in ("mean_gap", "mean_separation", "largest_pressure")}
