@@ -150,7 +150,7 @@ def _number(grid: Any, lists: Any, values: Any, place: Any, begun: int, caps: An
     """Number crossed cells, elastic points and links, and gather what `locate` needs of these."""
     codes, eights, cells, elastic, sides, above, starts, ways = lists
     (steps, v, state, sunk), (first, last, left, right), columns = grid, place, len(above)
-    inside, crossed, count, links = 0, 0, 0, int(np.int64(0))  # no literal
+    inside, crossed, count, links = 0, 0, 0, 0
     for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
         row, old, kept = i * columns, crossed, int(i >= begun)
         if links + 2 * columns > len(ways):

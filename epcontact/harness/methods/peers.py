@@ -230,8 +230,7 @@ def result_of(
     displacement or a gap that is not given follows from it, the flat where the mean gap of elastic
     points vanishes or, without any, at the highest plastic one.  before: how far the load before
     has left the surface lowered, in m; flows: by J2, so that no cap bounds the pressures.  The
-    residuals are the largest gap of an elastic point over the rms height, and the missing force
-    over the nominal one."""
+    residuals are the largest gap of an elastic point over the rms height, and the share of load that lacks."""
     surface, load, pressure = scene.surface, scene.load, given["pressure"]
     for field in ("pressure", "gap", "displacement"):
         if not np.isfinite(given.get(field, 0)).all():
@@ -255,7 +254,7 @@ def result_of(
     )
     if gap is None:
         gap = displacement - surface.heights + lowered
-        level = gap[plastic].max() if plastic.any() else gap.min()
+        level = gap.max(where=plastic, initial=gap.min())
         gap = gap - (gap[touching].mean() if touching.any() else level) - lowered
     after = np.where(plastic, np.maximum(-gap, 0.0), lowered)
     capped, left = np.where(plastic, hardness, np.maximum(pressure, 0)), gap + lowered
@@ -265,8 +264,9 @@ def result_of(
         "force": abs(float(pressure.mean()) - load.final) / (load.final or max(load.path)),
     }
     bounded = replace(scene, material=replace(scene.material, hardness=hardness))
+    # The errors of a solve's gaps are far below a thousandth of the rms height.
     if not touching.any() and left[state == results.APART].min(initial=0.0) < -1e-3 * rms:
-        raise NotConverged("no pressure between 0 and the hardness, but open points below plastic")
+        raise NotConverged("pressures of 0 or the cap, but open points lie below plastic ones")
     areas, found = figures(bounded, capped, left, energy / pressure.size / 2, before, after)
     found["largest_pressure"] = float(pressure.max())
     if flows:  # what a surface shows of a body that flows inside
