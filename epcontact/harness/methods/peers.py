@@ -230,7 +230,7 @@ def result_of(
     displacement or a gap that is not given follows from it, the flat where the mean gap of elastic
     points vanishes or, without any, at the highest plastic one.  before: how far the load before
     has left the surface lowered, in m; flows: by J2, so that no cap bounds the pressures.  The
-    residuals are the largest gap of an elastic point over the rms height, and the share of load that lacks."""
+    residuals are the largest gap of an elastic point over the rms height, and the missing load."""
     surface, load, pressure = scene.surface, scene.load, given["pressure"]
     for field in ("pressure", "gap", "displacement"):
         if not np.isfinite(given.get(field, 0)).all():
