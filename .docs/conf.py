@@ -1,9 +1,11 @@
-"""The guide: Sphinx reads the pages beside this file, the case files and the docstrings.
+"""The guide: Sphinx reads the pages beside this file, the case files and the
+docstrings.
 
     sphinx-build --fail-on-warning -b html .docs site
 
-Each case gets a page, made from its file.  The environment variable EPCONTACT_RESULTS names an
-output folder of `epcontact verify --report`, whose charts and report then are a part of the guide.
+Each case gets a page, made from its file.  The environment variable EPCONTACT_RESULTS
+names an output folder of `epcontact verify --report`, whose charts and report then are
+a part of the guide.
 """
 
 from __future__ import annotations
@@ -61,7 +63,9 @@ def _charts(case: str, size: str) -> list[tuple[str, str]]:
         caption = picture.with_suffix(".txt")
         copied = HERE / "generated" / f"{case}-{picture.name}"
         copied.write_bytes(picture.read_bytes())
-        found.append((copied.name, caption.read_text().strip() if caption.is_file() else ""))
+        found.append(
+            (copied.name, caption.read_text().strip() if caption.is_file() else "")
+        )
     return found
 
 
@@ -80,13 +84,19 @@ def _case_page(text: CaseText) -> dict[str, Any]:
 
 
 def _cell(words: object) -> str:
-    """Return text as a cell of a table, in which no character has a meaning of its own."""
-    escaped = "".join(f"\\{c}" if c in r"\`*_{}[]<>()#+-.!|$~^" else c for c in str(words))
+    """Return text as a cell of a table, in which no character has a meaning of its
+    own.
+    """
+    escaped = "".join(
+        f"\\{c}" if c in r"\`*_{}[]<>()#+-.!|$~^" else c for c in str(words)
+    )
     return " ".join(escaped.split())
 
 
 def _generate(app: Any) -> None:
-    """Write the pages of the cases, the tables of the registries, and the map of the laws."""
+    """Write the pages of the cases, the tables of the registries, and the map of the
+    laws.
+    """
     del app
     folder = HERE / "generated"
     folder.mkdir(exist_ok=True)
@@ -119,8 +129,12 @@ def _generate(app: Any) -> None:
     )
 
 
-def _as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Show modules' docstrings letter by letter (they have columns), and |q| elsewhere as it is."""
+def _as_written(
+    app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]
+) -> None:
+    """Show modules' docstrings letter by letter (they have columns), and |q| elsewhere
+    as it is.
+    """
     del app, name, obj, options
     if what == "module":
         lines[:] = ["::", "", *(f"    {line}" for line in lines), ""]

@@ -1,4 +1,5 @@
-"""epcontact: one rough elastoplastic contact scene, answered by three methods and compared.
+"""epcontact: one rough elastoplastic contact scene, answered by three methods and
+compared.
 
 Conventions of every module
 ---------------------------
@@ -8,9 +9,11 @@ body          the rough elastoplastic body is below, with heights h measured upw
 pressure      compression positive; 0 <= p <= hardness where the pressure is capped
 displacement  u of the surface, downward positive, of zero mean on the half-space
 gap           g = z - (h - u), with z the height of the rigid flat: g >= 0 where p = 0, g = 0 in
-              elastic contact, g <= 0 where the pressure is capped; -g is the plastic displacement
+              elastic contact, g <= 0 where the pressure is capped; -g is the plastic
+              displacement
 compliance    u_q = C(q) p_q of each mode; C(0) of a half-space is undefined, set to 0 and never
-              reported; of a layer of depth d it is d / M, M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
+              reported; of a layer of depth d it is d / M, M = E (1 - nu) / ((1 + nu)(1
+              - 2 nu))
 Fourier       numpy.fft's sign, forward unscaled
 surfaces      C(q) is the two-dimensional power spectral density in m^4, with
               h_rms^2 = 2 pi int q C dq and xi^2 = 2 pi int q^3 C dq (xi: rms slope)
@@ -48,7 +51,13 @@ if TYPE_CHECKING:
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.materials.hardness_map import MappedHardness, effective_hardness
     from epcontact.reference.conductance import joint_conductance
-    from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+    from epcontact.results import (
+        Areas,
+        ContactResult,
+        LoadStep,
+        PressureDistribution,
+        Provenance,
+    )
     from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 
 __all__ = [
@@ -78,13 +87,26 @@ __all__ = [
     "verify",
 ]
 
-#: The modules that define these names; two more bring the solvers, so they are asked last.
-_HOMES = ("scene", "results", "errors", "materials.hardness_map", "reference.conductance")
+#: The modules that define these names; two more bring the solvers, so they are asked
+#: last.
+_HOMES = (
+    "scene",
+    "results",
+    "errors",
+    "materials.hardness_map",
+    "reference.conductance",
+)
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for, so that `import epcontact` costs nothing."""
-    for home in (*_HOMES, "harness.verdict", "harness.answers.pictures") if name in __all__ else ():
+    """Import a public name when it is first asked for, so that `import epcontact` costs
+    nothing.
+    """
+    for home in (
+        (*_HOMES, "harness.verdict", "harness.answers.pictures")
+        if name in __all__
+        else ()
+    ):
         module = importlib.import_module(f"epcontact.{home}")
         if hasattr(module, name):
             return getattr(module, name)

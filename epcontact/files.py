@@ -1,9 +1,10 @@
 """Files that appear whole or not at all.
 
-A file is written under a temporary name beside its destination, flushed to the disk and renamed
-over the destination, which the system does in one step.  Only a killed process can leave a
-temporary file behind; its name says on which machine it was and which process, so that
-`remove_leftovers` knows it.  `tempfile` would make files that only their owner can read.
+A file is written under a temporary name beside its destination, flushed to the disk and
+renamed over the destination, which the system does in one step.  Only a killed process
+can leave a temporary file behind; its name says on which machine it was and which
+process, so that `remove_leftovers` knows it.  `tempfile` would make files that only
+their owner can read.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ _BEGIN = f".epcontact-{platform.node()}-"
 
 @contextlib.contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path, whose file replaces `path` if the block ends without an error.
-    Missing folders are made, and a symbolic link is replaced, not followed.  Raises OutputError if
-    the system refuses; what else the block raises passes."""
+    """Yield a temporary path, whose file replaces `path` if the block ends without an
+    error. Missing folders are made, and a symbolic link is replaced, not followed.
+    Raises OutputError if the system refuses; what else the block raises passes.
+    """
     if not Path(path).name or "\0" in str(path):
         raise OutputError(f"cannot write {str(path)!r}: it names no file")
     final = Path(path)
@@ -41,7 +43,9 @@ def whole_file(path: Path | str) -> Iterator[Path]:
     if os.path.exists(final) and not os.path.isfile(final):
         kind = "folder" if os.path.isdir(final) else "device or pipe"
         raise OutputError(f"cannot write {path}: it is a {kind}, not a file")
-    temporary = final.with_name(f"{_BEGIN}{os.getpid()}-{secrets.token_hex(6)}{final.suffix[:16]}")
+    temporary = final.with_name(
+        f"{_BEGIN}{os.getpid()}-{secrets.token_hex(6)}{final.suffix[:16]}"
+    )
     try:
         temporary.touch(exist_ok=False)
         yield temporary
@@ -49,7 +53,10 @@ def whole_file(path: Path | str) -> Iterator[Path]:
             os.fsync(file.fileno())
         os.replace(temporary, final)
     except OSError as error:
-        if isinstance(error, OutputError) or error.filename not in (None, str(temporary)):
+        if isinstance(error, OutputError) or error.filename not in (
+            None,
+            str(temporary),
+        ):
             raise
         raise refusal("write", path, error) from error
     finally:
@@ -92,9 +99,10 @@ def step_name(number: int, end: str) -> str:
 def write_collection(
     path: Path | str, mean_pressures: Sequence[float], ends: tuple[str, ...] = (".vti",)
 ) -> None:
-    """Write a ParaView collection (.pvd) over the steps of a load path beside it.  The time of a
-    step is its number, because a path may unload; its name has the mean pressure (Pa).  Part n of a
-    step is its file with the n-th of the `ends`."""
+    """Write a ParaView collection (.pvd) over the steps of a load path beside it.  The
+    time of a step is its number, because a path may unload; its name has the mean
+    pressure (Pa).  Part n of a step is its file with the n-th of the `ends`.
+    """
     entries = "".join(
         f'<DataSet timestep="{number}" part="{part}" name="mean pressure {float(pressure)!r} Pa" '
         f'file="{step_name(number, end)}"/>\n'
@@ -106,7 +114,9 @@ def write_collection(
 
 
 def require_writable(folder: Path | str) -> None:
-    """Raise OutputError, before a long computation, if no file can be made in a folder."""
+    """Raise OutputError, before a long computation, if no file can be made in a
+    folder.
+    """
     path = Path(folder).absolute()
     present = next(place for place in (path, *path.parents) if place.exists())
     try:
@@ -129,4 +139,6 @@ def refusal(verb: str, path: Path | str, error: OSError | ValueError) -> OutputE
     reason = (getattr(error, "strerror", None) or str(error)).lower()
     culprit = str(getattr(error, "filename", None) or path)
     known = culprit == str(path) or Path(culprit).name.startswith(".epcontact-")
-    return OutputError(f"cannot {verb} {path}: {reason}{'' if known else f': {culprit}'}")
+    return OutputError(
+        f"cannot {verb} {path}: {reason}{'' if known else f': {culprit}'}"
+    )

@@ -1,10 +1,12 @@
-"""The cores and the memory of this process, and its compiled kernels: their folder and their time.
+"""The cores and the memory of this process, and its compiled kernels: their folder and
+their time.
 
-Numba keeps compiled code beside its source or in the user's cache.  Where it can write to neither,
-it refuses to define a kernel, so a private folder is made, which goes with the process that made
-it.  Two dangers are kept away: processes that write the files of one kernel at the same time may
-leave code for the wrong types, so one at a time compiles; and LLVM calls Python, which drops an
-exception that a signal's handler raises there, so a handler asks `compiling` first.
+Numba keeps compiled code beside its source or in the user's cache.  Where it can write
+to neither, it refuses to define a kernel, so a private folder is made, which goes with
+the process that made it.  Two dangers are kept away: processes that write the files of
+one kernel at the same time may leave code for the wrong types, so one at a time
+compiles; and LLVM calls Python, which drops an exception that a signal's handler raises
+there, so a handler asks `compiling` first.
 """
 
 from __future__ import annotations
@@ -29,18 +31,24 @@ import psutil
 
 try:
     import fcntl
-except ImportError:  # Windows, where numba refuses to replace a file that another process reads
+except (
+    ImportError
+):  # Windows, where numba refuses to replace a file that another process reads
     fcntl = None  # type: ignore[assignment]
 
 _OBJECTS = 100_000  # made between two searches for cycles while a kernel compiles
-#: numpy starts the threads of its linear algebra when it is imported, unless it may have only one.
+#: numpy starts the threads of its linear algebra when it is imported, unless it may
+#: have only one.
 LINEAR_ALGEBRA = "OPENBLAS_NUM_THREADS"
 #: ducc0 starts its threads when it first transforms, unless it may have only one.
 TRANSFORMS = "DUCC0_NUM_THREADS"
 for _name in (TRANSFORMS, "OMP_NUM_THREADS"):  # ducc0 would fail on what is no number
     if not os.environ.get(_name, "0").strip().isdecimal():
         del os.environ[_name]
-_PACKAGES = ("epcontact", "fem_check")  # whose kernels are watched; a user's are left to numba
+_PACKAGES = (
+    "epcontact",
+    "fem_check",
+)  # whose kernels are watched; a user's are left to numba
 
 
 def available_cores() -> int:
@@ -56,18 +64,28 @@ def available_memory() -> int:
 
 
 def forget_peak() -> None:
-    """Let the peak of the memory begin anew for the next solve, which only Linux can."""
+    """Let the peak of the memory begin anew for the next solve, which only Linux
+    can.
+    """
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def peak_memory() -> int:
-    """Return the largest resident memory (bytes) since `forget_peak`, or the process began."""
+    """Return the largest resident memory (bytes) since `forget_peak`, or the process
+    began.
+    """
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     with contextlib.suppress(OSError, StopIteration):
-        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-        return 1024 * int(next(line.split()[1] for line in lines if line.startswith("VmHWM:")))
+        lines = (
+            Path("/proc/self/status")
+            .read_text(encoding="ascii", errors="replace")
+            .splitlines()
+        )
+        return 1024 * int(
+            next(line.split()[1] for line in lines if line.startswith("VmHWM:"))
+        )
     import resource  # does not exist on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -75,7 +93,9 @@ def peak_memory() -> int:
 
 
 def alive(pid: int) -> bool:
-    """Return True if a process of this machine runs; one that has ended unnoticed does not."""
+    """Return True if a process of this machine runs; one that has ended unnoticed does
+    not.
+    """
     try:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
@@ -84,7 +104,9 @@ def alive(pid: int) -> bool:
 
 @contextlib.contextmanager
 def single_threads(*names: str) -> Iterator[None]:
-    """Set variables of the environment to one thread, and then back to what they were."""
+    """Set variables of the environment to one thread, and then back to what they
+    were.
+    """
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
     try:
@@ -96,7 +118,9 @@ def single_threads(*names: str) -> Iterator[None]:
 
 
 class _Kernels:
-    """The kernels of this process, and the lock by which one process at a time compiles."""
+    """The kernels of this process, and the lock by which one process at a time
+    compiles.
+    """
 
     def __init__(self) -> None:
         self.depth, self.total, self.started = 0, 0.0, 0.0
@@ -106,7 +130,9 @@ class _Kernels:
         self._thresholds = gc.get_threshold()
 
     def notify(self, event: Any) -> None:
-        """Hear from numba that any thread begins or ends to work on a kernel, or to compile it."""
+        """Hear from numba that any thread begins or ends to work on a kernel, or to
+        compile it.
+        """
         if event.kind == "numba:compiler_lock":
             with self._mutex:
                 self._begin() if event.is_start else self._end()
@@ -125,7 +151,8 @@ class _Kernels:
         if self.depth > 1:
             return
         self.started, self._thresholds = time.perf_counter(), gc.get_threshold()
-        # A compiler makes so many objects that to look for cycles takes a seventh of its time.
+        # A compiler makes so many objects that to look for cycles takes a seventh of
+        # its time.
         gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
         try:
             self._wait(alone=self._alone)
@@ -138,14 +165,19 @@ class _Kernels:
         if not self.depth:
             gc.set_threshold(*self._thresholds)
             self.total += time.perf_counter() - self.started
-            # After a kernel that was missing others will be missing: processes share them out.
+            # After a kernel that was missing others will be missing: processes share
+            # them out.
             self._alone, self._missed = self._missed, False
             self._lock.close()
 
     def _wait(self, *, alone: bool) -> None:
-        """Wait for processes that compile or, `alone`, for all that load kernels, too."""
+        """Wait for processes that compile or, `alone`, for all that load kernels,
+        too.
+        """
         self._lock.close()
-        with contextlib.suppress(OSError):  # a folder that is only read, or cannot be locked
+        with contextlib.suppress(
+            OSError
+        ):  # a folder that is only read, or cannot be locked
             if fcntl is not None and self.lock_path is not None:
                 file = self._lock.enter_context(self.lock_path.open("ab"))
                 fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
@@ -155,22 +187,27 @@ _KERNELS = _Kernels()
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process has spent on compiling and loading kernels so far.  What
-    is still running counts, and so does waiting for another process that compiles."""
+    """Return the seconds that this process has spent on compiling and loading kernels
+    so far.  What is still running counts, and so does waiting for another process that
+    compiles.
+    """
     running = time.perf_counter() - _KERNELS.started if _KERNELS.depth else 0.0
     return _KERNELS.total + running
 
 
 def compiling() -> bool:
-    """Return True if this process is compiling or loading a kernel.  The handler of a signal must
-    not raise an exception then, but be called again later."""
+    """Return True if this process is compiling or loading a kernel.  The handler of a
+    signal must not raise an exception then, but be called again later.
+    """
     return _KERNELS.depth > 0
 
 
 @functools.cache
 def provide_kernel_cache() -> None:
-    """Watch how numba compiles and keeps our kernels.  Call this before they are defined.  Numba
-    has no settings for this, so its class of caches is replaced for our own kernels."""
+    """Watch how numba compiles and keeps our kernels.  Call this before they are
+    defined.  Numba has no settings for this, so its class of caches is replaced for our
+    own kernels.
+    """
     # Most commands solve nothing, and numba takes half a second to load.
     from numba.core import caching, config, dispatcher, event
     from numba.core.runtime import rtsys
@@ -185,22 +222,34 @@ def provide_kernel_cache() -> None:
                 os.environ["NUMBA_CACHE_DIR"] = private  # child processes inherit it
                 config.reload_config()
                 super().__init__(function)
-            source, kept = Path(function.__code__.co_filename).parent, Path(self.cache_path)
-            # Numba watches the file of a kernel, but not those of the kernels that it calls.
+            source, kept = (
+                Path(function.__code__.co_filename).parent,
+                Path(self.cache_path),
+            )
+            # Numba watches the file of a kernel, but not those of the kernels that it
+            # calls.
             with contextlib.suppress(AttributeError):  # a private name
                 self._cache_file._source_stamp = _stamp(source)
-            # Beside the sources every folder has its own kernels, elsewhere there is one for all.
-            home = Path(__file__).parent / "__pycache__" if kept.parent == source else kept.parent
+            # Beside the sources every folder has its own kernels, elsewhere there is
+            # one for all.
+            home = (
+                Path(__file__).parent / "__pycache__"
+                if kept.parent == source
+                else kept.parent
+            )
             with contextlib.suppress(OSError):
                 home.mkdir(exist_ok=True)
             _KERNELS.lock_path = home / "epcontact.lock"
 
         def load_overload(self, signature: Any, context: Any) -> Any:
-            # Numba would load what only a compilation needs, which takes longer than the kernels.
+            # Numba would load what only a compilation needs, which takes longer than
+            # the kernels.
             context.refresh = functools.partial(rtsys.initialize, context)
             try:
                 return super().load_overload(signature, context)
-            except Exception:  # of a damaged file: what is kept of this kernel is made anew
+            except (
+                Exception
+            ):  # of a damaged file: what is kept of this kernel is made anew
                 self.flush()
                 return None
             finally:
@@ -214,8 +263,9 @@ def provide_kernel_cache() -> None:
     event.Listener.register(_Kernels)
     event.register("numba:compiler_lock", _KERNELS)
     event.register("numba:compile", _KERNELS)
-    # At its end the interpreter would look through all objects of the compiler for cycles, which
-    # takes as long as many a solve; the system gets their memory back anyway.
+    # At its end the interpreter would look through all objects of the compiler for
+    # cycles, which takes as long as many a solve; the system gets their memory back
+    # anyway.
     atexit.register(gc.freeze)
 
 

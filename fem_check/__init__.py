@@ -1,11 +1,11 @@
 """fem_check: a finite-element half-block that answers epcontact's scenes independently.
 
-It imports only scene, results, errors, machine and files from epcontact: no kernel, spectrum, area
-correction or formula for a modulus.
+It imports only scene, results, errors, machine and files from epcontact: no kernel,
+spectrum, area correction or formula for a modulus.
 
-`solve` solves a scene, and `solve_path` returns the finite-element states, whose mesh `mesh_of`
-hands to other codes.  With the block's `surface_compliance` the boundary elements can solve exactly
-the same body.
+`solve` solves a scene, and `solve_path` returns the finite-element states, whose mesh
+`mesh_of` hands to other codes.  With the block's `surface_compliance` the boundary
+elements can solve exactly the same body.
 """
 
 from __future__ import annotations

@@ -1,13 +1,15 @@
 """Unilateral contact of the top with a rigid frictionless flat, exact at every node.
 
-With F the downward nodal forces, v the downward displacement of the top, h the heights and the
-flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node by node,
+With F the downward nodal forces, v the downward displacement of the top, h the heights
+and the flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node
+by node,
 
     F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
 
-with sum F = P in load control, or d given.  `solve_contact_forces` meets the equalities on a given
-contact set by conjugate gradients on the surface, where the elastic compliance is a pair of
-transforms; `rigid_contact` finds the sets by a semi-smooth Newton method.
+with sum F = P in load control, or d given.  `solve_contact_forces` meets the equalities
+on a given contact set by conjugate gradients on the surface, where the elastic
+compliance is a pair of transforms; `rigid_contact` finds the sets by a semi-smooth
+Newton method.
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ from fem_check.workers import axpy, dot, norm, xpay
 
 States = NDArray[np.int8]
 
-#: A gap times this share of the stiffness of the shortest wave predicts a force.  With larger
-#: shares nodes jump between apart and capped, and the sets can cycle.
+#: A gap times this share of the stiffness of the shortest wave predicts a force.  With
+#: larger shares nodes jump between apart and capped, and the sets can cycle.
 PREDICTION = 0.3
 #: Full Newton steps of a rigid contact, most of which settle in five.
 FULL_STEPS = 12
@@ -34,7 +36,9 @@ FULL_STEPS = 12
 
 @compiled
 def _project(values, contact, free):  # type: ignore[no-untyped-def]
-    """The values on the contact, less their mean there if `free`, and zeros elsewhere."""
+    """The values on the contact, less their mean there if `free`, and zeros
+    elsewhere.
+    """
     nx, ny = values.shape
     total, count = 0.0, 0
     for i in range(nx):
@@ -58,10 +62,12 @@ def solve_contact_forces(
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
 ) -> tuple[FloatArray, float]:
-    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.  Conjugate
-    gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the residual by
-    `tolerance`.  The forces sum up to the `load`, which makes d an unknown, and gives all residuals
-    and directions zero mean over the contact nodes; if it is None, d = 0."""
+    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.
+    Conjugate gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the
+    residual by `tolerance`.  The forces sum up to the `load`, which makes d an unknown,
+    and gives all residuals and directions zero mean over the contact nodes; if it is
+    None, d = 0.
+    """
     count, nx, free = int(contact.sum()), contact.shape[0], load is not None
     if count == 0:
         return np.zeros(contact.shape), 0.0
@@ -77,7 +83,8 @@ def solve_contact_forces(
         forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
     answered = displacement(forces)
     residual = project(raw := wanted - answered)
-    # If `wanted` is uniform, load control, which leaves the mean free, leaves only rounding.
+    # If `wanted` is uniform, load control, which leaves the mean free, leaves only
+    # rounding.
     rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
     enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
     direction, rho_before = np.zeros_like(residual), np.inf
@@ -96,11 +103,13 @@ def solve_contact_forces(
 
 
 def carrying(forces: FloatArray, cap: float, load: float | None) -> FloatArray:
-    """The forces, all shifted alike until those between 0 and the cap carry the load exactly."""
+    """The forces, all shifted alike until those between 0 and the cap carry the load
+    exactly.
+    """
     if load is None:
         return forces
-    # What is carried is piecewise linear in the shift: a node begins to carry at the shift -force
-    # and carries no more than the cap from the shift cap - force on.
+    # What is carried is piecewise linear in the shift: a node begins to carry at the
+    # shift -force and carries no more than the cap from the shift cap - force on.
     begins = -forces.ravel()
     knots = np.concatenate([begins, begins + cap]) if np.isfinite(cap) else begins
     order = np.argsort(knots, kind="stable")
@@ -111,9 +120,15 @@ def carrying(forces: FloatArray, cap: float, load: float | None) -> FloatArray:
 
 
 def predicted_states(
-    forces: FloatArray, gap: FloatArray, cap: float, stiffness: float, load: float | None = None
+    forces: FloatArray,
+    gap: FloatArray,
+    cap: float,
+    stiffness: float,
+    load: float | None = None,
 ) -> States:
-    """The states by `PREDICTION` that forces and gaps ask for, of which some carry a `load`."""
+    """The states by `PREDICTION` that forces and gaps ask for, of which some carry a
+    `load`.
+    """
     predicted = carrying(forces - PREDICTION * stiffness * gap, cap, load)
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART
@@ -141,8 +156,10 @@ def rigid_contact(
     approach: float = 0.0,
     cap: float = np.inf,
 ) -> SurfaceContact:
-    """Solve the contact of a rigid flat with an elastic body, given the compliance of its top.  The
-    total force is `load` or, if that is None, the `approach` d is given.  Raises NotConverged."""
+    """Solve the contact of a rigid flat with an elastic body, given the compliance of
+    its top.  The total force is `load` or, if that is None, the `approach` d is given.
+    Raises NotConverged.
+    """
     nx, stiffness = heights.shape[0], 1.0 / float(compliance.min())
     rise = heights if load is not None else heights + approach
     states = np.full(heights.shape, -1, dtype=np.int8)
@@ -153,7 +170,12 @@ def rigid_contact(
     def allowed(forces: FloatArray) -> FloatArray:
         return np.clip(carrying(forces, cap, load), 0, cap)
 
-    forces, changes, whole, d = allowed(PREDICTION * stiffness * rise), list[float](), False, 0.0
+    forces, changes, whole, d = (
+        allowed(PREDICTION * stiffness * rise),
+        list[float](),
+        False,
+        0.0,
+    )
     for sweep in range(200):
         gap = displaced(forces) - rise
         new = predicted_states(forces, gap, cap, stiffness, load)
@@ -162,16 +184,22 @@ def rigid_contact(
             return SurfaceContact(forces, states, d if load is not None else approach)
         states = new
         contact, fixed = states == ELASTIC, np.where(states == PLASTIC, cap, 0.0)
-        wanted, left = rise - displaced(fixed), None if load is None else load - float(fixed.sum())
+        wanted, left = (
+            rise - displaced(fixed),
+            None if load is None else load - float(fixed.sum()),
+        )
         accurate = 1e-3 if sweep < 3 else 1e-12
-        solved, d = solve_contact_forces(compliance, wanted, contact, left, forces, accurate)
+        solved, d = solve_contact_forces(
+            compliance, wanted, contact, left, forces, accurate
+        )
         solved += fixed
         whole = sweep >= 3
         if sweep < FULL_STEPS:
             forces = solved
             continue
-        # Full steps can cycle.  Steps that lower the energy inside the bounds cannot: towards the
-        # solution on these sets or, where the energy rises that way, along its gradient.
+        # Full steps can cycle.  Steps that lower the energy inside the bounds cannot:
+        # towards the solution on these sets or, where the energy rises that way, along
+        # its gradient.
         forces = allowed(forces)
         gap = displaced(forces) - rise
         downhill = allowed(forces - PREDICTION * stiffness * gap)

@@ -1,4 +1,6 @@
-"""Solve a scene with finite elements: `solve`, and `solve_path` for its finite-element states."""
+"""Solve a scene with finite elements: `solve`, and `solve_path` for its finite-element
+states.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,13 @@ from epcontact.scene import Scene, require_kind, whole
 from fem_check import plasticity
 from fem_check.element import CORNERS
 from fem_check.linear_solver import factorise
-from fem_check.mesh import PeriodicBlock, block_for, flat_elements, moved_elements, require_memory
+from fem_check.mesh import (
+    PeriodicBlock,
+    block_for,
+    flat_elements,
+    moved_elements,
+    require_memory,
+)
 from fem_check.options import FemOptions
 from fem_check.path import PathPoint, SolvedPath, follow_path, path_targets
 from fem_check.plasticity import History
@@ -49,17 +57,21 @@ def solve(
         scene: the surface, the material, the body and the mean pressures.
         options: how to solve it; the defaults of `FemOptions` if not given.
         progress: called with the share of the path that is done and a sentence.
-        output: folder for the files of the body and its surface (.vtu) at each point of the path,
-            and a .pvd over them.
-        threads: that share the work, which gives the same bits on any number; None: all cores.
-        changes: single options by name, as in `solve(scene, law="elastic", depth=1e-3)`.
+        output: folder for the files of the body and its surface (.vtu) at each point of
+            the path, and a .pvd over them.
+        threads: that share the work, which gives the same bits on any number; None: all
+            cores.
+        changes: single options by name, as in `solve(scene, law="elastic",
+            depth=1e-3)`.
 
     Returns:
-        The result with one step for each point of the path and the fields of the last one.
+        The result with one step for each point of the path and the fields of the last
+        one.
 
     Raises:
         InvalidScene: the options contradict each other or the scene.
-        NotConverged: an increment failed; the error holds the residuals of its iterations.
+        NotConverged: an increment failed; the error holds the residuals of its
+            iterations.
         NotEnoughMemory: the block would not fit.
         OutputError: a file could not be written.
 
@@ -71,7 +83,9 @@ def solve(
         0.4375
     """
     return contact_result(
-        solve_path(scene, options, progress=progress, output=output, threads=threads, **changes)
+        solve_path(
+            scene, options, progress=progress, output=output, threads=threads, **changes
+        )
     )
 
 
@@ -84,7 +98,8 @@ def solve_path(
     threads: int | None = None,
     **changes: Any,
 ) -> SolvedPath:
-    """Solve as `solve` does, but return the finite-element state of every point of the path.
+    """Solve as `solve` does, but return the finite-element state of every point of the
+    path.
 
     Arguments and errors are those of `solve`.
 
@@ -106,7 +121,9 @@ def solve_path(
     history = plasticity.initial_history(0)
     for point, history in follow_path(problem, targets, options):
         if output is not None:
-            write_step(Path(output), len(points), scene, options, problem, point, history)
+            write_step(
+                Path(output), len(points), scene, options, problem, point, history
+            )
         points.append(point)
         if progress is not None:
             done = len(points) / len(targets)
@@ -125,22 +142,27 @@ def solve_path(
                 f"misses the contact forces by {certificate['certified_balance']:.1e}",
                 residuals=certificate,
             )
-    return SolvedPath(scene, options, problem, history, tuple(points), seconds, certificate)
+    return SolvedPath(
+        scene, options, problem, history, tuple(points), seconds, certificate
+    )
 
 
 def surface_compliance(scene: Scene, **block: Any) -> FloatArray:
-    """The compliance of the block's surface, with which other methods can solve the same body.
+    """The compliance of the block's surface, with which other methods can solve the
+    same body.
 
     Args:
         scene: the surface's grid, the material and the body.
         block: its depth, layers and first_layer, as in `FemOptions`.
 
     Returns:
-        m/Pa, one value for each mode of numpy.fft.rfft2 (rfft for a line) of the scene's grid.
-        The mode q = 0 of a bonded layer is its depth over the oedometric modulus.
+        m/Pa, one value for each mode of numpy.fft.rfft2 (rfft for a line) of the
+        scene's grid. The mode q = 0 of a bonded layer is its depth over the oedometric
+        modulus.
 
     Raises:
-        InvalidScene: a length is not positive, or the depth is not that of the scene's layer.
+        InvalidScene: a length is not positive, or the depth is not that of the scene's
+            layer.
 
     Example:
         >>> from epcontact.scene import Body, Load, Material, Scene, Surface
@@ -169,11 +191,15 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
         material.young_modulus, material.poisson_ratio, yield_stress, options.hardening
     )
     flat = flat_elements(block)
-    workers = Workers(available_cores() if threads is None else whole("threads", threads, 1))
+    workers = Workers(
+        available_cores() if threads is None else whole("threads", threads, 1)
+    )
     heights, tilt = scene.surface.heights.reshape(block.shape), None
     if options.geometry == "punch":
         if block.sliding:
-            raise InvalidScene("geometry is 'punch', which holds no sliding layer in its place")
+            raise InvalidScene(
+                "geometry is 'punch', which holds no sliding layer in its place"
+            )
         tilt = slopes(heights, block.spacing)
     return Problem(
         block,
@@ -189,24 +215,34 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
 
 
 def slopes(heights: FloatArray, spacing: tuple[float, float]) -> FloatArray:
-    """(nx, ny, 2) slopes of periodic heights at the nodes, by differences of fourth order."""
+    """(nx, ny, 2) slopes of periodic heights at the nodes, by differences of fourth
+    order.
+    """
 
     def apart(steps: int, axis: int) -> FloatArray:
-        return np.asarray(np.roll(heights, -steps, axis) - np.roll(heights, steps, axis))
+        return np.asarray(
+            np.roll(heights, -steps, axis) - np.roll(heights, steps, axis)
+        )
 
-    return np.stack([(8 * apart(1, k) - apart(2, k)) / (12 * spacing[k]) for k in (0, 1)], axis=-1)
+    return np.stack(
+        [(8 * apart(1, k) - apart(2, k)) / (12 * spacing[k]) for k in (0, 1)], axis=-1
+    )
 
 
-# --- an independent check of a converged state by scikit-fem -------------------------------------
+# --- an independent check of a converged state by scikit-fem
+# -------------------------------------
 
 #: Rows of the stress tensor as indices into xx, yy, zz, xy, yz, zx.
 _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 
 
-def certify(problem: Problem, state: State, history: History, largest: float) -> dict[str, float]:
+def certify(
+    problem: Problem, state: State, history: History, largest: float
+) -> dict[str, float]:
     """Residuals, over the path's `largest` force, of the force that scikit-fem assembles.  Only the
     stresses come from the solver's own loops.  Their mean part is constant in an element, so that
-    the standard form  int sigma : grad(v) dV  is the internal force of the B-bar element."""
+    the standard form  int sigma : grad(v) dV  is the internal force of the B-bar element.
+    """
     force, positions = np.zeros(problem.block.field_shape), problem.block.positions()
     for k in range(len(problem.block.layers)):
         stress, _ = problem.layer_stresses(state, history, k)
@@ -221,8 +257,12 @@ def certify(problem: Problem, state: State, history: History, largest: float) ->
     }
 
 
-def _layer_force(block: PeriodicBlock, positions: FloatArray, stress: FloatArray) -> FloatArray:
-    """The internal force of one layer, as a mesh of scikit-fem with (nx + 1)(ny + 1) columns."""
+def _layer_force(
+    block: PeriodicBlock, positions: FloatArray, stress: FloatArray
+) -> FloatArray:
+    """The internal force of one layer, as a mesh of scikit-fem with (nx + 1)(ny + 1)
+    columns.
+    """
     nx, ny = block.shape
     level, i, j = np.indices((2, nx + 1, ny + 1)).reshape(3, -1)
     at = level, i % nx, j % ny
@@ -230,10 +270,14 @@ def _layer_force(block: PeriodicBlock, positions: FloatArray, stress: FloatArray
     points[0] += (i == nx) * nx * block.spacing[0]
     points[1] += (j == ny) * ny * block.spacing[1]
     number = np.arange(level.size).reshape(2, nx + 1, ny + 1)
-    cells = np.stack([number[1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in CORNERS])
+    cells = np.stack(
+        [number[1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in CORNERS]
+    )
     mesh = MeshHex(points, cells, validate=False, sort_t=False)
     basis = Basis(mesh, ElementHex1(), intorder=2)
-    form = LinearForm(lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2])
+    form = LinearForm(
+        lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2]
+    )
     out = np.zeros((2, nx, ny, 3))
     for component in range(3):
         x, y, z = stress[:, _ROWS[component]].swapaxes(0, 1)

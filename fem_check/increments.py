@@ -1,13 +1,16 @@
-"""The increments of a load path, which a body that flows needs as it remembers its strains.
+"""The increments of a load path, which a body that flows needs as it remembers its
+strains.
 
-Radial return takes an increment's strain for straight, an error of first order in the increment:
-too few of them let the contact spread too far.  The state forgets the errors of early increments as
-the contact grows, so that the last ones should be the shortest: the loads on the way to P are
+Radial return takes an increment's strain for straight, an error of first order in the
+increment: too few of them let the contact spread too far.  The state forgets the errors
+of early increments as the contact grows, so that the last ones should be the shortest:
+the loads on the way to P are
 
     P sqrt(k/n),  k = 1 ... n
 
-and those that are above the largest load so far.  Below that one a single increment suffices.
-tests/test_fem_solve.py measures both.  Increments that do not converge are halved.
+and those that are above the largest load so far.  Below that one a single increment
+suffices. tests/test_fem_solve.py measures both.  Increments that do not converge are
+halved.
 """
 
 from __future__ import annotations
@@ -35,7 +38,8 @@ MOST_HALVINGS = 6
 class Rule:
     """How a path is followed, with options of `FemOptions`.
 
-    highest: the height in m from which targets are approaches in m; None: they are forces in N.
+    highest: the height in m from which targets are approaches in m; None: they are
+        forces in N.
     """
 
     highest: float | None
@@ -62,7 +66,9 @@ class Along:
 
 
 def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
-    """Advance to the `target`, for which the counts are.  Raises NotConverged after halvings."""
+    """Advance to the `target`, for which the counts are.  Raises NotConverged after
+    halvings.
+    """
     along = replace(along, counts=Counts())
     for end in _ends(target, along.farthest, rule.steps if problem.plastic else 1):
         step = end
@@ -82,7 +88,9 @@ def _ends(target: float, farthest: float, count: int) -> list[float]:
 
 
 def _once_more_halved(along: Along, failure: NotConverged) -> Along:
-    """The place with one more halving in its counts; raises the failure if there were too many."""
+    """The place with one more halving in its counts; raises the failure if there were
+    too many.
+    """
     counts = along.counts + Counts(halvings=1)
     if counts.halvings > MOST_HALVINGS:
         raise failure
@@ -94,7 +102,9 @@ def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) ->
     history = along.history
     if problem.plastic:
         u = problem.turned(solved.state.displacement).reshape(-1, 3)
-        history = plasticity.commit(u, problem.bricks, problem.law, history, solved.flowing)
+        history = plasticity.commit(
+            u, problem.bricks, problem.law, history, solved.flowing
+        )
     return replace(
         along,
         history=history,
@@ -128,7 +138,9 @@ def _solved(problem: Problem, along: Along, end: float, rule: Rule) -> SolvedInc
 def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncrement:
     """The body without a load, whose highest point just touches the flat."""
     last = along.states[-1]
-    reach = float(np.ptp(problem.heights)) + 4 * float(np.abs(last.displacement[0]).max())
+    reach = float(np.ptp(problem.heights)) + 4 * float(
+        np.abs(last.displacement[0]).max()
+    )
     away = Control(approach=last.approach - 2 * reach, scale=along.peak)
     apart = np.full_like(last.states, APART)
     start = State(last.displacement, away.approach, apart, 0 * last.forces)
@@ -140,16 +152,20 @@ def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncreme
 def _elastic_state(problem: Problem, control: Control) -> State:
     """The contact of the flat elastic block."""
     factor, heights = problem.factor, problem.heights
-    solved = rigid_contact(factor.surface, heights, control.load, control.approach, problem.cap)
+    solved = rigid_contact(
+        factor.surface, heights, control.load, control.approach, problem.cap
+    )
     spectrum = eliminate(factor, np.zeros(problem.block.field_shape))
     u = substitute(factor, spectrum, solved.forces)
     return State(u, solved.approach, solved.states, solved.forces)
 
 
 def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
-    """The first guess of a state: that of the flat elastic block at the path's begin and, as they
-    have no memory, under capped forces; else on the secant through the last two states or, as in
-    unloading and after an increment much longer than the last, the last one."""
+    """The first guess of a state: that of the flat elastic block at the path's begin
+    and, as they have no memory, under capped forces; else on the secant through the
+    last two states or, as in unloading and after an increment much longer than the
+    last, the last one.
+    """
     if not states or problem.capped:
         return _elastic_state(problem, control)
     state, load = states[-1], control.load
@@ -157,7 +173,9 @@ def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> Sta
         return state
     forces = float(state.forces.sum())
     # Before the first state there is no force and no contact.
-    none = replace(state, states=np.full_like(state.states, APART), forces=0 * state.forces)
+    none = replace(
+        state, states=np.full_like(state.states, APART), forces=0 * state.forces
+    )
     earlier = states[-2] if len(states) > 1 else none
     grown = forces - float(earlier.forces.sum())
     ratio = (load - forces) / grown if grown > 0 else 0.0
@@ -166,14 +184,18 @@ def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> Sta
     if forces > 0:
         return state
     # The unloaded body is loaded from a quarter of its nodes in contact.
-    apart, wanted = np.zeros(state.states.shape, dtype=bool), max(1, state.states.size // 4)
+    apart, wanted = (
+        np.zeros(state.states.shape, dtype=bool),
+        max(1, state.states.size // 4),
+    )
     seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
     return replace(state, states=seeded)
 
 
 def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
-    """The state at a `share` of the way from one state to another, or beyond; the contact area is
-    interpolated, too, and filled with the nodes nearest to the flat."""
+    """The state at a `share` of the way from one state to another, or beyond; the
+    contact area is interpolated, too, and filled with the nodes nearest to the flat.
+    """
     u = state.displacement + share * (other.displacement - state.displacement)
     d = state.approach + share * (other.approach - state.approach)
     contact = state.states == ELASTIC
@@ -184,9 +206,15 @@ def _on_secant(problem: Problem, state: State, other: State, share: float) -> St
 
 
 def _nearest(
-    problem: Problem, u: FloatArray, approach: float, contact: NDArray[np.bool_], wanted: int
+    problem: Problem,
+    u: FloatArray,
+    approach: float,
+    contact: NDArray[np.bool_],
+    wanted: int,
 ) -> States:
-    """The `contact` and the nodes nearest to the flat, so many as are `wanted` in all."""
+    """The `contact` and the nodes nearest to the flat, so many as are `wanted` in
+    all.
+    """
     order = np.where(contact, -np.inf, problem.gap(u, approach))
     touching = np.full(contact.shape, APART, dtype=np.int8)
     touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC

@@ -1,11 +1,14 @@
-"""Strains and nodal forces of LANES elements at once, which lets the compiler use vector units.
+"""Strains and nodal forces of LANES elements at once, which lets the compiler use
+vector units.
 
-Arrays of a group of elements are flat and have the element as their last index: entry [i, j] of
-element n of an (I, J, LANES) array is at (i J + j) LANES + n.  With constant distances between its
-rows the compiler sees that they do not overlap, as it does not in an array with several axes.
+Arrays of a group of elements are flat and have the element as their last index: entry
+[i, j] of element n of an (I, J, LANES) array is at (i J + j) LANES + n.  With constant
+distances between its rows the compiler sees that they do not overlap, as it does not in
+an array with several axes.
 
-ue (3, 8, LANES) displacements at the corners; e (6, 8, LANES) tensor components xx, yy, zz, xy,
-yz, zx of strains, and later of stresses, at the Gauss points; fe (3, 8, LANES) nodal forces.
+ue (3, 8, LANES) displacements at the corners; e (6, 8, LANES) tensor components xx, yy,
+zz, xy, yz, zx of strains, and later of stresses, at the Gauss points; fe (3, 8, LANES)
+nodal forces.
 """
 
 from __future__ import annotations
@@ -19,31 +22,50 @@ from numba import njit
 LANES = 16
 
 _GAUSS = sqrt(1.0 / 3.0)
-# Sums may be reordered and products fused; infinities and NaNs keep their meaning.  No C code calls
-# a kernel, so it needs no wrapper for that, which takes a tenth of a compilation.
-OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+# Sums may be reordered and products fused; infinities and NaNs keep their meaning.  No
+# C code calls a kernel, so it needs no wrapper for that, which takes a tenth of a
+# compilation.
+OPTIONS = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
 compiled = njit(fastmath={"contract", "reassoc", "nsz"}, **OPTIONS)
 
 
 @compiled
 def inverse_of_symmetric(a, b, d, e, f, g):  # type: ignore[no-untyped-def]
-    """The components 00, 11, 22, 01, 12, 20 of the inverse of the matrix that has a to g there."""
+    """The components 00, 11, 22, 01, 12, 20 of the inverse of the matrix that has a to
+    g there.
+    """
     x, y, z = b * d - f * f, f * g - e * d, e * f - b * g
     det = a * x - e * (e * d - f * g) + g * z
-    others = (a * d - g * g) / det, (a * b - e * e) / det, y / det, (e * g - a * f) / det
+    others = (
+        (a * d - g * g) / det,
+        (a * b - e * e) / det,
+        y / det,
+        (e * g - a * f) / det,
+    )
     return x / det, *others, z / det
 
 
 @compiled
 def workspace():  # type: ignore[no-untyped-def]
     """Arrays ue, derivatives (scratch of `strains`), e and fe."""
-    return np.empty(24 * LANES), np.empty(36 * LANES), np.empty(48 * LANES), np.empty(24 * LANES)
+    return (
+        np.empty(24 * LANES),
+        np.empty(36 * LANES),
+        np.empty(48 * LANES),
+        np.empty(24 * LANES),
+    )
 
 
 @compiled
 def gather(u, bricks, which, first, stop, ue, shapes):  # type: ignore[no-untyped-def]
-    """Copies displacements (nodes, 3) to ue, and the elements' shapes.  The elements are those from
-    `first` to `stop`, of `which` if given; the last one is repeated."""
+    """Copies displacements (nodes, 3) to ue, and the elements' shapes.  The elements
+    are those from `first` to `stop`, of `which` if given; the last one is repeated.
+    """
     for n in range(LANES):
         e = min(first + n, stop - 1)
         if which is not None:
@@ -68,14 +90,16 @@ def scatter(fe, bricks, which, first, stop, f):  # type: ignore[no-untyped-def]
                 f[node, i] += fe[(8 * i + a) * LANES + n]
 
 
-# In a box a derivative along one axis does not depend on the place along it: it is interpolated
-# from the four edges along that axis to the four places of the Gauss points across it.
+# In a box a derivative along one axis does not depend on the place along it: it is
+# interpolated from the four edges along that axis to the four places of the Gauss
+# points across it.
 
 
 @compiled
 def _across(a, b, c, d):  # type: ignore[no-untyped-def]
-    """Four times the values at the 2 x 2 Gauss points of a square, from those at its corners, both
-    as (-, -), (-, +), (+, -), (+, +); the map is its own transpose."""
+    """Four times the values at the 2 x 2 Gauss points of a square, from those at its
+    corners, both as (-, -), (-, +), (+, -), (+, +); the map is its own transpose.
+    """
     s, t, u, v = a + b, (b - a) * _GAUSS, c + d, (d - c) * _GAUSS
     a, b, c, d = s - t, s + t, u - v, u + v
     s, t, u, v = a + c, (c - a) * _GAUSS, b + d, (d - b) * _GAUSS
@@ -93,14 +117,26 @@ def _derivatives(sides, ue, d):  # type: ignore[no-untyped-def]
     """Writes the derivatives of a box to d (3 components, 3 axes, 4 places, LANES)."""
     for i in range(3):
         for j in range(3):
-            h, o, v, f = 0.25 / sides[j], (12 * i + 4 * j) * LANES, 8 * i * LANES, _EDGES[j]
+            h, o, v, f = (
+                0.25 / sides[j],
+                (12 * i + 4 * j) * LANES,
+                8 * i * LANES,
+                _EDGES[j],
+            )
             for n in range(v, v + LANES):
                 a, b, c, e = _across(
-                    ue[f[0] + n] - ue[f[1] + n], ue[f[2] + n] - ue[f[3] + n],
-                    ue[f[4] + n] - ue[f[5] + n], ue[f[6] + n] - ue[f[7] + n],
-                )  # fmt: skip
+                    ue[f[0] + n] - ue[f[1] + n],
+                    ue[f[2] + n] - ue[f[3] + n],
+                    ue[f[4] + n] - ue[f[5] + n],
+                    ue[f[6] + n] - ue[f[7] + n],
+                )
                 m = o + n - v
-                d[m], d[m + LANES], d[m + 2 * LANES], d[m + 3 * LANES] = h * a, h * b, h * c, h * e
+                d[m], d[m + LANES], d[m + 2 * LANES], d[m + 3 * LANES] = (
+                    h * a,
+                    h * b,
+                    h * c,
+                    h * e,
+                )
 
 
 @compiled
@@ -131,10 +167,15 @@ def _box_strains(sides, mean, ue, d, e, dilatation):  # type: ignore[no-untyped-
 @compiled
 def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
     """Do what `forces` does, for boxes of one size."""
-    hx, hy, hz = 0.25 * weight / sides[0], 0.25 * weight / sides[1], 0.25 * weight / sides[2]
+    hx, hy, hz = (
+        0.25 * weight / sides[0],
+        0.25 * weight / sides[1],
+        0.25 * weight / sides[2],
+    )
     L = LANES
     for i in range(3):
-        # The stresses on the faces across x, y and z, from the components xx, yy, zz, xy, yz, zx.
+        # The stresses on the faces across x, y and z, from the components xx, yy, zz,
+        # xy, yz, zx.
         if i == 0:
             p, q, r = 0, 24 * L, 40 * L
         elif i == 1:
@@ -144,19 +185,25 @@ def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
         o = 8 * i * L
         for e in range(L):
             a, b, c, d = _across(
-                s[p + 7 * L + e] + s[p + 5 * L + e], s[p + 3 * L + e] + s[p + L + e],
-                s[p + 6 * L + e] + s[p + 4 * L + e], s[p + 2 * L + e] + s[p + e],
-            )  # fmt: skip
+                s[p + 7 * L + e] + s[p + 5 * L + e],
+                s[p + 3 * L + e] + s[p + L + e],
+                s[p + 6 * L + e] + s[p + 4 * L + e],
+                s[p + 2 * L + e] + s[p + e],
+            )
             a, b, c, d = hx * a, hx * b, hx * c, hx * d
             k, j, m, n = _across(
-                s[q + 7 * L + e] + s[q + 6 * L + e], s[q + 3 * L + e] + s[q + 2 * L + e],
-                s[q + 5 * L + e] + s[q + 4 * L + e], s[q + L + e] + s[q + e],
-            )  # fmt: skip
+                s[q + 7 * L + e] + s[q + 6 * L + e],
+                s[q + 3 * L + e] + s[q + 2 * L + e],
+                s[q + 5 * L + e] + s[q + 4 * L + e],
+                s[q + L + e] + s[q + e],
+            )
             k, j, m, n = hy * k, hy * j, hy * m, hy * n
             u, v, w, x = _across(
-                s[r + 7 * L + e] + s[r + 3 * L + e], s[r + 6 * L + e] + s[r + 2 * L + e],
-                s[r + 5 * L + e] + s[r + L + e], s[r + 4 * L + e] + s[r + e],
-            )  # fmt: skip
+                s[r + 7 * L + e] + s[r + 3 * L + e],
+                s[r + 6 * L + e] + s[r + 2 * L + e],
+                s[r + 5 * L + e] + s[r + L + e],
+                s[r + 4 * L + e] + s[r + e],
+            )
             u, v, w, x = hz * u, hz * v, hz * w, hz * x
             fe[o + e] = -a - k - u
             fe[o + L + e] = -b - j + u
@@ -170,7 +217,9 @@ def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
 
 @compiled
 def _brick_strains(G, mean, ue, n, e, dilatation):  # type: ignore[no-untyped-def]
-    """Do what `strains` does, for lane n, whose element has the gradients G (3, 8, 8)."""
+    """Do what `strains` does, for lane n, whose element has the gradients G (3, 8,
+    8).
+    """
     L = LANES
     dilatation[n] = 0.0
     for a in range(8):
@@ -199,7 +248,11 @@ def _brick_forces(G, weights, s, n, fe):  # type: ignore[no-untyped-def]
     for a in range(8):
         fx = fy = fz = 0.0
         for q in range(8):
-            gx, gy, gz = weights[q] * G[0, a, q], weights[q] * G[1, a, q], weights[q] * G[2, a, q]
+            gx, gy, gz = (
+                weights[q] * G[0, a, q],
+                weights[q] * G[1, a, q],
+                weights[q] * G[2, a, q],
+            )
             o = q * L + n
             xy, yz, zx = s[o + 24 * L], s[o + 32 * L], s[o + 40 * L]
             fx += gx * s[o] + gy * xy + gz * zx
@@ -217,12 +270,16 @@ def strains(sides, bricks, shapes, ue, d, e, dilatation):  # type: ignore[no-unt
         return
     for n in range(LANES):
         s = shapes[n]
-        _brick_strains(bricks.gradients[s], bricks.mean_gradients[s], ue, n, e, dilatation)
+        _brick_strains(
+            bricks.gradients[s], bricks.mean_gradients[s], ue, n, e, dilatation
+        )
 
 
 @compiled
 def forces(sides, bricks, shapes, s, fe):  # type: ignore[no-untyped-def]
-    """Writes the integrals of the stresses s times the gradients of the basis functions to fe."""
+    """Writes the integrals of the stresses s times the gradients of the basis functions
+    to fe.
+    """
     if sides is not None:
         _box_forces(sides[shapes[0]], bricks.weights[shapes[0], 0], s, fe)
         return

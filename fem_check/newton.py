@@ -1,12 +1,14 @@
-"""One load increment: a globalised Newton method whose linearised problem keeps the contact exact.
+"""One load increment: a globalised Newton method whose linearised problem keeps the
+contact exact.
 
-Each iteration freezes the material's consistent tangent and solves the contact problem of that
-linear body (`linearised`).  The step to that solution is taken whole unless the energy's slope
-along it shows that it overshoots.  With the two loops merged into one, full steps and the pure
-tangent, a cold start lets the contact set jump between a few nodes and all of them.
+Each iteration freezes the material's consistent tangent and solves the contact problem
+of that linear body (`linearised`).  The step to that solution is taken whole unless the
+energy's slope along it shows that it overshoots.  With the two loops merged into one,
+full steps and the pure tangent, a cold start lets the contact set jump between a few
+nodes and all of them.
 
-Far from the solution the tangent is blended with the elastic stiffness, by a tenth of the relative
-residual, because a fully plastic contact has almost no stiffness.
+Far from the solution the tangent is blended with the elastic stiffness, by a tenth of
+the relative residual, because a fully plastic contact has almost no stiffness.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ MOST_NEWTON = 30
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """The converged state, which elements (m,) flow, and each iteration's largest residual."""
+    """The converged state, which elements (m,) flow, and each iteration's largest
+    residual.
+    """
 
     state: State
     flowing: NDArray[np.bool_]
@@ -41,9 +45,15 @@ class SolvedIncrement:
 
 
 def solve_increment(
-    problem: Problem, state: State, history: History, control: Control, tolerance: float = 1e-8
+    problem: Problem,
+    state: State,
+    history: History,
+    control: Control,
+    tolerance: float = 1e-8,
 ) -> SolvedIncrement:
-    """The state at `control`, from `state` on.  Raises NotConverged with every residual."""
+    """The state at `control`, from `state` on.  Raises NotConverged with every
+    residual.
+    """
     counts, worst = Counts(increments=1), []
     internal, flowing = problem.internal_force(state.displacement, history)
     while True:
@@ -61,22 +71,35 @@ def solve_increment(
                 history=worst,
             )
         balance = min(1.0, residual["balance"] + residual["load"])
-        forcing = min(0.5, max(min(0.1, balance), 0.1 * tolerance / max(balance, 1e-300)))
+        forcing = min(
+            0.5, max(min(0.1, balance), 0.1 * tolerance / max(balance, 1e-300))
+        )
         tangent = _tangent(problem, state, history, flowing, 0.1 * balance)
         linear, spent = linear_contact(state, R, tangent, control, forcing)
         held = control.load is not None or linear.approach == state.approach
         shortened = problem.plastic and balance > 1e-4 and held
-        trial, cuts = _step(problem, state, internal, linear, history, control, shortened)
+        trial, cuts = _step(
+            problem, state, internal, linear, history, control, shortened
+        )
         counts += spent + Counts(newton=1, line_searches=cuts)
         forces = problem.contact_forces(linear.states, -trial.force[0, ..., 2])
         approach = state.approach + trial.share * (linear.approach - state.approach)
         state = State(trial.displacement, approach, linear.states, forces)
         internal, flowing = trial.force, trial.flowing
-        del R, tangent, linear, trial  # fields, which would stay in memory in the next linear solve
+        del (
+            R,
+            tangent,
+            linear,
+            trial,
+        )  # fields, which would stay in memory in the next linear solve
 
 
 def _tangent(
-    problem: Problem, state: State, history: History, flowing: NDArray[np.bool_], blend: float
+    problem: Problem,
+    state: State,
+    history: History,
+    flowing: NDArray[np.bool_],
+    blend: float,
 ) -> Tangent:
     if not problem.plastic:
         return Tangent(problem, None, blend)
@@ -105,7 +128,9 @@ def _step(
     control: Control,
     shortened: bool,
 ) -> tuple[_Trial, int]:
-    """The whole step or, if `shortened`, its part until the energy rises; and how often cut."""
+    """The whole step or, if `shortened`, its part until the energy rises; and how often
+    cut.
+    """
 
     def after(share: float) -> _Trial:
         u = state.displacement + share * linear.step

@@ -20,20 +20,24 @@ def _option(default: Any, description: str, **bounds: float) -> Any:
     return field(default=default, metadata={"description": description, **bounds})
 
 
-_hardening = partial(number, right="0 or positive, in Pa", good=lambda value: 0 <= value < math.inf)
+_hardening = partial(
+    number, right="0 or positive, in Pa", good=lambda value: 0 <= value < math.inf
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FemOptions:
     """The options of a finite-element solve; the metadata of a field say what it means.
 
-    Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal pressures do not
-    exceed the hardness, and whose capped nodes keep what they have sunk when the load falls.  "j2"
-    is small-strain plasticity of the solid itself, without any cap on the pressure.
+    Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal
+    pressures do not exceed the hardness, and whose capped nodes keep what they have
+    sunk when the load falls.  "j2" is small-strain plasticity of the solid itself,
+    without any cap on the pressure.
 
-    Geometries.  With "gap" the roughness is the initial gap over a flat block, as small slopes
-    allow.  With "moved" the top nodes are moved to the real heights.  With "punch" the flat block
-    is met by rigid mirrored heights, which press along their normals, without friction.
+    Geometries.  With "gap" the roughness is the initial gap over a flat block, as small
+    slopes allow.  With "moved" the top nodes are moved to the real heights.  With
+    "punch" the flat block is met by rigid mirrored heights, which press along their
+    normals, without friction.
 
     Raises:
         InvalidScene: an option is not within its bounds.
@@ -56,32 +60,45 @@ class FemOptions:
         None, "thickness of the top layer, m; else the spacing", gt=0
     )
     # With ten, areas are 1 % from those of 160 equal ones at E* xi/sigma_Y of 5 to 100.
-    steps: int = _option(10, "increments of a J2 body to a load larger than any yet", ge=1)
+    steps: int = _option(
+        10, "increments of a J2 body to a load larger than any yet", ge=1
+    )
     tolerance: float = _option(1e-8, "on the residuals, dimensionless", gt=0, lt=1)
     approach: float | Sequence[float] | None = _option(
         None, "path of the flat since the first touch, m, instead of mean pressures"
     )
     hardening: float = _option(0.0, "H of linear isotropic hardening, Pa", ge=0)
-    certified: bool = _option(True, "whether scikit-fem's own assembly checks the last state")
+    certified: bool = _option(
+        True, "whether scikit-fem's own assembly checks the last state"
+    )
 
     def __post_init__(self) -> None:
-        for name, kinds in (("law", get_args(LawName)), ("geometry", get_args(Geometry))):
+        for name, kinds in (
+            ("law", get_args(LawName)),
+            ("geometry", get_args(Geometry)),
+        ):
             if (value := getattr(self, name)) not in kinds:
                 wanted = ", ".join(kinds[:-1]) + f" or {kinds[-1]}"
                 raise InvalidScene(f"{name} is {value!r}, but must be {wanted}")
         length, count = partial(positive, unit="m"), partial(whole, least=1)
         checks: dict[str, Any] = {
-            "depth": length, "first_layer": length, "layers": count, "steps": count,
-            "tolerance": share, "approach": _approaches,
+            "depth": length,
+            "first_layer": length,
+            "layers": count,
+            "steps": count,
+            "tolerance": share,
+            "approach": _approaches,
             "hardening": _hardening,
-        }  # fmt: skip
+        }
         for name, check in checks.items():
             value = getattr(self, name)
             if value is not None or getattr(FemOptions, name) is not None:
                 settle(self, **{name: check(name, value)})
 
     def require_strengths(self, scene: Scene) -> None:
-        """Raise InvalidScene if the scene's material lacks the strength that the law needs."""
+        """Raise InvalidScene if the scene's material lacks the strength that the law
+        needs.
+        """
         for law, strength in (("j2", "yield_stress"), ("capped", "hardness")):
             if self.law == law and not math.isfinite(getattr(scene.material, strength)):
                 raise InvalidScene(

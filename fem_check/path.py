@@ -1,9 +1,10 @@
 """The load path: its points, and what the body remembers between them.
 
-J2 flow keeps a history of strains.  A capped body keeps the plastic displacement w = -g of the
-capped nodes: below the largest load so far it meets the flat with the heights h - w, on which the
-same forces at that load leave no gap.  No force falls while the load grows, so w is that of the
-largest load alone, and from there on the path goes as if it had never turned back.
+J2 flow keeps a history of strains.  A capped body keeps the plastic displacement w = -g
+of the capped nodes: below the largest load so far it meets the flat with the heights h
+- w, on which the same forces at that load leave no gap.  No force falls while the load
+grows, so w is that of the largest load alone, and from there on the path goes as if it
+had never turned back.
 """
 
 from __future__ import annotations
@@ -54,11 +55,10 @@ class SolvedPath:
     """A solved load path: what `solve_path` returns.
 
     Attributes:
-        scene, options, problem: the question, and the finite-element problem made from it.
-        history: of the material at the end of the path.
-        points: one for each mean pressure, or each approach.
-        seconds: wall time.
-        certificate: residuals of scikit-fem's own assembly at the last point, if certified.
+        scene, options, problem: the question, and the finite-element problem made from
+        it. history: of the material at the end of the path. points: one for each mean
+        pressure, or each approach. seconds: wall time. certificate: residuals of
+        scikit-fem's own assembly at the last point, if certified.
     """
 
     scene: Scene
@@ -70,8 +70,12 @@ class SolvedPath:
     certificate: dict[str, float]
 
 
-def path_targets(scene: Scene, problem: Problem, options: FemOptions) -> tuple[float, ...]:
-    """Total forces in N or, if they are prescribed, approaches in m since the first touch."""
+def path_targets(
+    scene: Scene, problem: Problem, options: FemOptions
+) -> tuple[float, ...]:
+    """Total forces in N or, if they are prescribed, approaches in m since the first
+    touch.
+    """
     if options.approach is not None:
         return cast("tuple[float, ...]", options.approach)
     area = problem.block.node_area * problem.heights.size
@@ -81,17 +85,24 @@ def path_targets(scene: Scene, problem: Problem, options: FemOptions) -> tuple[f
 def follow_path(
     problem: Problem, targets: Sequence[float], options: FemOptions
 ) -> Iterator[tuple[PathPoint, History]]:
-    """Solve point by point, and yield each with the material's history.  Raises NotConverged."""
+    """Solve point by point, and yield each with the material's history.  Raises
+    NotConverged.
+    """
     highest = None if options.approach is None else float(problem.heights.max())
     rule = Rule(highest, options.steps, options.tolerance)
     area = problem.block.node_area * problem.heights.size
-    history = plasticity.initial_history(problem.bricks.number if problem.plastic else 0)
+    history = plasticity.initial_history(
+        problem.bricks.number if problem.plastic else 0
+    )
     along = top = Along(history)  # top: where a capped body was pressed most
     lowered = np.zeros_like(problem.heights)
     for target in targets:
         body = problem
         if problem.capped and target < top.at:
-            body, along = replace(problem, heights=problem.heights - lowered), _elastic(along)
+            body, along = (
+                replace(problem, heights=problem.heights - lowered),
+                _elastic(along),
+            )
         elif problem.capped:
             along = top
         along = advance(body, along, target, rule)
@@ -116,7 +127,9 @@ def _sunk(problem: Problem, state: State) -> FloatArray:
     return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
 
 
-def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatArray) -> PathPoint:
+def _path_point(
+    problem: Problem, pressure: float, along: Along, lowered: FloatArray
+) -> PathPoint:
     assert along.solved is not None
     state, history = along.solved.state, along.history
     states, flow = state.states, {}
@@ -145,7 +158,9 @@ def _path_point(problem: Problem, pressure: float, along: Along, lowered: FloatA
 
 def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
     """(nx, ny) top nodes that touch an element of the top layer which has flowed."""
-    return nodes_of(history.rows[: problem.heights.size].reshape(problem.block.shape) > 0)
+    return nodes_of(
+        history.rows[: problem.heights.size].reshape(problem.block.shape) > 0
+    )
 
 
 def nodes_of(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -155,12 +170,17 @@ def nodes_of(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str, float]:
-    """Largest strain, share of the volume and depth (m) of the plastic zone; energies in J/m^2:
-    stored in the block, a half-space's compression included, and spent, sigma_Y a + H a^2/2 with
-    the accumulated plastic strain a, which is exact for linear hardening."""
+    """Largest strain, share of the volume and depth (m) of the plastic zone; energies
+    in J/m^2: stored in the block, a half-space's compression included, and spent,
+    sigma_Y a + H a^2/2 with the accumulated plastic strain a, which is exact for linear
+    hardening.
+    """
     block, bricks, law = problem.block, problem.bricks, problem.law
     flowed = np.flatnonzero(history.rows)
-    a, weights = history.accumulated[history.rows[flowed]], bricks.weights[bricks.shape_of[flowed]]
+    a, weights = (
+        history.accumulated[history.rows[flowed]],
+        bricks.weights[bricks.shape_of[flowed]],
+    )
     last = int(flowed.max(initial=-1)) // problem.heights.size  # the layer; -1: none
     volume = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
     stored = 0.0
@@ -173,5 +193,6 @@ def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str,
         "plastic_volume": float(weights[a > 0].sum()) / volume,
         "plastic_depth": -float(block.levels[last + 1]),
         "stored_energy": stored / area,
-        "plastic_work": dot(weights, law.yield_stress * a + law.hardening * a**2 / 2) / area,
+        "plastic_work": dot(weights, law.yield_stress * a + law.hardening * a**2 / 2)
+        / area,
     }

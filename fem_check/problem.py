@@ -1,8 +1,10 @@
-"""The finite-element contact problem: its data, its unknowns, and the residuals of a state.
+"""The finite-element contact problem: its data, its unknowns, and the residuals of a
+state.
 
-A contact force F presses down, so the body feels -F.  The *reaction* is R = -(internal force)
-- (forces of the capped nodes): on the contact nodes of a solution it equals the contact force, and
-everywhere else it vanishes.
+A contact force F presses down, so the body feels -F.  The *reaction* is R = -(internal
+force)
+- (forces of the capped nodes): on the contact nodes of a solution it equals the contact
+  force, and everywhere else it vanishes.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from fem_check.workers import ALONE, Workers, norm
 
 @dataclass(frozen=True)
 class Control:
-    """The prescribed total force or else approach, and the path's largest force so far, in N."""
+    """The prescribed total force or else approach, and the path's largest force so far,
+    in N.
+    """
 
     load: float | None = None
     approach: float = 0.0
@@ -35,7 +39,9 @@ class Control:
 
 @dataclass(frozen=True)
 class State:
-    """Displacement (nz + 1, nx, ny, 3), approach, contact states and nodal forces (nx, ny)."""
+    """Displacement (nz + 1, nx, ny, 3), approach, contact states and nodal forces (nx,
+    ny).
+    """
 
     displacement: FloatArray
     approach: float
@@ -45,7 +51,9 @@ class State:
 
 @dataclass(frozen=True)
 class Counts:
-    """Iterations of one increment, or the sum of several, but for the most of one of them."""
+    """Iterations of one increment, or the sum of several, but for the most of one of
+    them.
+    """
 
     newton: int = 0
     cg: int = 0
@@ -111,14 +119,20 @@ class Problem:
     def internal_force(
         self, u: FloatArray, history: History | None
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """The internal force of `u`, and which elements flow; without a history none does."""
+        """The internal force of `u`, and which elements flow; without a history none
+        does.
+        """
         past, nodal = history if self.plastic else None, self.turned(u).reshape(-1, 3)
-        force, flowing = plasticity.internal_force(nodal, self.bricks, self.law, past, self.workers)
+        force, flowing = plasticity.internal_force(
+            nodal, self.bricks, self.law, past, self.workers
+        )
         return self.turned_back(force.reshape(u.shape)), flowing
 
     def turned(self, v: FloatArray) -> FloatArray:
-        """The displacement u of the unknowns v.  On top of a block under a punch, which presses
-        along (tilt, 1) and meets what moves sideways at another height, v_z = u_z + tilt . u_xy."""
+        """The displacement u of the unknowns v.  On top of a block under a punch, which
+        presses along (tilt, 1) and meets what moves sideways at another height, v_z =
+        u_z + tilt . u_xy.
+        """
         if self.tilt is None:
             return v
         u = v.copy()
@@ -136,7 +150,9 @@ class Problem:
         return np.asarray(-u[0, ..., 2] - self.heights - approach)
 
     def without_base(self, force: FloatArray) -> FloatArray:
-        """The force, in place without the reactions of the base, if it reaches the base at all."""
+        """The force, in place without the reactions of the base, if it reaches the base
+        at all.
+        """
         if len(force) > len(self.block.layers):
             force[-1, ..., 2 if self.block.sliding else 0 :] = 0
         return force
@@ -165,7 +181,9 @@ class Problem:
         return np.where(states == PLASTIC, self.cap, 0.0)
 
     def contact_forces(self, states: States, pressing: FloatArray) -> FloatArray:
-        """(nx, ny) contact forces: `pressing` where the contact is elastic, and the cap."""
+        """(nx, ny) contact forces: `pressing` where the contact is elastic, and the
+        cap.
+        """
         return np.where(states == ELASTIC, pressing, self.capped_forces(states))
 
     def capped_load(self, states: States) -> float:
@@ -174,19 +192,24 @@ class Problem:
         return self.cap * count if count else 0.0
 
     def missing_load(self, R: FloatArray, states: States, control: Control) -> float:
-        """The prescribed load less the contact forces, in N; 0 where the approach is prescribed."""
+        """The prescribed load less the contact forces, in N; 0 where the approach is
+        prescribed.
+        """
         if control.load is None:
             return 0.0
         total = float(R[0, ..., 2][states == ELASTIC].sum()) + self.capped_load(states)
         return control.load - total
 
-    def residuals(self, state: State, R: FloatArray, control: Control) -> dict[str, float]:
+    def residuals(
+        self, state: State, R: FloatArray, control: Control
+    ) -> dict[str, float]:
         """Dimensionless residuals of a state with the reaction R.
 
-        Over the total force, or the path's largest where that is larger: balance, the norm of the
-        unbalanced nodal forces; load, the missing load; tension, the largest pull of a contact
-        node.  Over the rms height, or the uniform compression of a flat surface: gap, the largest
-        on the elastic contact; penetration, the deepest node elsewhere.
+        Over the total force, or the path's largest where that is larger: balance, the
+        norm of the unbalanced nodal forces; load, the missing load; tension, the
+        largest pull of a contact node.  Over the rms height, or the uniform compression
+        of a flat surface: gap, the largest on the elastic contact; penetration, the
+        deepest node elsewhere.
         """
         contact = state.states == ELASTIC
         forces = np.where(contact, R[0, ..., 2], 0.0)
@@ -201,6 +224,7 @@ class Problem:
             "balance": unbalanced_norm(R, state.states, self.workers) / total,
             "load": abs(self.missing_load(R, state.states, control)) / total,
             "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
-            "penetration": float(max(apart.max(initial=0.0), below.max(initial=0.0))) / rms,
+            "penetration": float(max(apart.max(initial=0.0), below.max(initial=0.0)))
+            / rms,
             "tension": float((-forces[contact]).max(initial=0.0)) / total,
         }

@@ -1,24 +1,27 @@
 """Turn finite-element states into a ContactResult: areas, pressures, fields, notes.
 
-Areas.  `raw` counts nodes in contact.  The count overestimates the area: the rim is inside the
-last node in contact, and elements as large as the waves they carry are softer than the solid.
-Measured against Westergaard (lines) and periodic Hertz (spheres), averaged over shifts of the grid
-(tests/test_fem_closed_forms.py), a straight rim is
+Areas.  `raw` counts nodes in contact.  The count overestimates the area: the rim is
+inside the last node in contact, and elements as large as the waves they carry are
+softer than the solid. Measured against Westergaard (lines) and periodic Hertz
+(spheres), averaged over shifts of the grid (tests/test_fem_closed_forms.py), a straight
+rim is
 
     rim(nu) = 0.25 + 0.21 nu          (+- 0.02)
 
-spacings inside the count.  `corrected` subtracts this for every end of a contact on a line, and
-pi/4 of it for every switch along rows and columns of a surface, because a rim of any direction
-crosses 4/pi as many rows and columns as its length.  The front between elastic and capped contact
-is corrected with the other sign.  `error` is a quarter of the correction and, by chance, twice the
-root of a twelfth a switch (on surfaces, where rows and columns count each end twice, a 24th): each
-end is rounded to a node, which is most of the error of a few small spots.  Where a capped node is
-the neighbour of an open one, the elastic rim is narrower than a spacing, and the cap on the counted
-nodes is the load: neither front is corrected there, only doubted, as the correction would make the
+spacings inside the count.  `corrected` subtracts this for every end of a contact on a
+line, and pi/4 of it for every switch along rows and columns of a surface, because a rim
+of any direction crosses 4/pi as many rows and columns as its length.  The front between
+elastic and capped contact is corrected with the other sign.  `error` is a quarter of
+the correction and, by chance, twice the root of a twelfth a switch (on surfaces, where
+rows and columns count each end twice, a 24th): each end is rounded to a node, which is
+most of the error of a few small spots.  Where a capped node is the neighbour of an open
+one, the elastic rim is narrower than a spacing, and the cap on the counted nodes is the
+load: neither front is corrected there, only doubted, as the correction would make the
 area of rough surfaces with a hardness of 0.01 to 0.1 E* xi too small by 3 to 19 %.
 
-Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2", contact nodes at
-an element of the top layer that has ever flowed, less their share of the contact's correction.
+Plastic area.  For the law "capped" it counts the nodes at the hardness; for "j2",
+contact nodes at an element of the top layer that has ever flowed, less their share of
+the contact's correction.
 """
 
 from __future__ import annotations
@@ -49,18 +52,20 @@ from fem_check.path import PathPoint, SolvedPath
 
 #: Pressures at which the distribution is tabulated.
 _DISTRIBUTION_POINTS = 1025
-#: Largest rms slope at which the gap geometry and small strains are trusted: at slope 0.1 and
-#: E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
+#: Largest rms slope at which the gap geometry and small strains are trusted: at slope
+#: 0.1 and E* xi/sigma_Y = 50, moving the nodes changed the load by 11 to 13 %.
 LARGEST_SLOPE = 0.1
-#: Fewest nodes across the median contact: below, a shift of the grid changes a sphere's area by
-#: more than a quarter.
+#: Fewest nodes across the median contact: below, a shift of the grid changes a sphere's
+#: area by more than a quarter.
 FEWEST_NODES = 4
 #: Largest plastic strain at which small strains are trusted.
 LARGEST_STRAIN = 0.2
 
 
 def contact_result(path: SolvedPath) -> ContactResult:
-    """The result of a solved path, with the certificate among the residuals of the last step."""
+    """The result of a solved path, with the certificate among the residuals of the last
+    step.
+    """
     problem, points, surface = path.problem, path.points, path.scene.surface
     block = problem.block
     fields = surface_fields(path, points[-1])
@@ -83,7 +88,9 @@ def contact_result(path: SolvedPath) -> ContactResult:
             "increments": counts.increments,
             "most_newton_steps": counts.most_newton,
             "most_cg_iterations": counts.most_cg,
-            "unknowns": 3 * problem.heights.size * (len(block.layers) + int(block.sliding)),
+            "unknowns": 3
+            * problem.heights.size
+            * (len(block.layers) + int(block.sliding)),
             "peak_memory_bytes": float(peak_memory()),
         },
         history=points[-1].history,
@@ -92,7 +99,9 @@ def contact_result(path: SolvedPath) -> ContactResult:
 
 
 def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]]:
-    """Fields (nx, ny) in SI units; plastic displacement is that of capped or unloaded bodies."""
+    """Fields (nx, ny) in SI units; plastic displacement is that of capped or unloaded
+    bodies.
+    """
     fields: dict[str, NDArray[Any]] = {
         "heights": path.scene.surface.heights,
         "pressure": np.maximum(point.state.forces, 0.0) / path.problem.block.node_area,
@@ -108,8 +117,10 @@ def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]
 
 
 def _descent(scene: Scene, point: PathPoint) -> FloatArray:
-    """(nx, ny) downward displacement of the top in m; of a half-space, less its mean.  Under a
-    punch it is that of what is now at the place of a node, as `Problem.turned` has it."""
+    """(nx, ny) downward displacement of the top in m; of a half-space, less its mean.
+    Under a punch it is that of what is now at the place of a node, as `Problem.turned`
+    has it.
+    """
     down: FloatArray = -point.state.displacement[0, ..., 2]
     return down - down.mean() if scene.body.kind == "half_space" else down
 
@@ -120,7 +131,10 @@ def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
     raw, corrected, error = areas(
         point.surface_states, scene.material.poisson_ratio, problem.capped
     )
-    pressure, touching = point.state.forces / problem.block.node_area, point.surface_states != APART
+    pressure, touching = (
+        point.state.forces / problem.block.node_area,
+        point.surface_states != APART,
+    )
     # Without plastic flow, the work of the pressures is twice the energy.
     work = float((pressure * _descent(scene, point)).mean())
     energy = point.flow.get("stored_energy", work / 2)
@@ -140,11 +154,15 @@ def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
             "line_searches": counts.line_searches,
         },
         {
-            "mean_gap": float(np.maximum(point.gap + point.plastic_displacement, 0).mean()),
+            "mean_gap": float(
+                np.maximum(point.gap + point.plastic_displacement, 0).mean()
+            ),
             "mean_separation": float(point.gap.mean()),
             "approach": point.state.approach + float(problem.heights.max()),
             "largest_pressure": float(pressure.max()),
-            "mean_contact_pressure": float(pressure[touching].mean()) if touching.any() else 0.0,
+            "mean_contact_pressure": float(pressure[touching].mean())
+            if touching.any()
+            else 0.0,
             "elastic_energy": energy,
             **point.flow,
         },
@@ -154,7 +172,9 @@ def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
 def areas(
     states: NDArray[np.int8], poisson_ratio: float, capped: bool
 ) -> tuple[Areas, Areas, Areas]:
-    """The raw and corrected areas and their error, as the module's docstring defines them."""
+    """The raw and corrected areas and their error, as the module's docstring defines
+    them.
+    """
     touching, plastic, elastic = states != APART, states == PLASTIC, states == ELASTIC
     total, flowing = float(touching.mean()), float(plastic.mean())
     line = states.shape[1] == 1
@@ -174,20 +194,30 @@ def areas(
         math.hypot(part / 4, 2 * math.sqrt(count / (12 if line else 24)) / states.size)
         for part, count in ((min(total, outer), ends), (inner, fronts))
     )
-    return Areas(total, total - flowing, flowing), corrected, Areas(outer, outer + inner, inner)
+    return (
+        Areas(total, total - flowing, flowing),
+        corrected,
+        Areas(outer, outer + inner, inner),
+    )
 
 
 def count_switches(inside: NDArray[np.bool_]) -> int:
-    """Number of pairs of neighbours along rows and columns of which only one is inside."""
+    """Number of pairs of neighbours along rows and columns of which only one is
+    inside.
+    """
     return sum(
-        int((inside != np.roll(inside, 1, axis)).sum()) for axis in (0, 1) if inside.shape[axis] > 1
+        int((inside != np.roll(inside, 1, axis)).sum())
+        for axis in (0, 1)
+        if inside.shape[axis] > 1
     )
 
 
 def distribution(
     pressure: FloatArray, states: NDArray[np.int8], cap: float
 ) -> PressureDistribution:
-    """The share of the area at each nodal pressure; nodes at a finite cap are plastic instead."""
+    """The share of the area at each nodal pressure; nodes at a finite cap are plastic
+    instead.
+    """
     capped = bool(np.isfinite(cap))
     values = pressure[(pressure > 0) & ((states != PLASTIC) | (not capped))]
     top = cap if capped else float(values.max(initial=0.0)) or 1.0
@@ -220,14 +250,17 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
         out.append("the plastic zone reaches the base; give a deeper block")
     strain = last.flow.get("largest_plastic_strain", 0.0)
     if strain > LARGEST_STRAIN:
-        out.append(f"the plastic strain reaches {strain:.2g}, too much for small strains")
+        out.append(
+            f"the plastic strain reaches {strain:.2g}, too much for small strains"
+        )
     return tuple(out)
 
 
 def nodes_across(touching: NDArray[np.bool_]) -> float:
-    """Nodes across the contact in smaller ones than which half of all contact nodes are.  On a line
-    (ny = 1) its width, on a surface the diameter of a disc of its area.  Contacts join over corners
-    and over the periodic edges."""
+    """Nodes across the contact in smaller ones than which half of all contact nodes
+    are.  On a line (ny = 1) its width, on a surface the diameter of a disc of its area.
+    Contacts join over corners and over the periodic edges.
+    """
     if not touching.any():
         return 0.0
     number = np.arange(touching.size).reshape(touching.shape)

@@ -1,18 +1,21 @@
-"""Block Gauss-Seidel sweeps over the flowing nodes: the part the elastic preconditioner misses.
+"""Block Gauss-Seidel sweeps over the flowing nodes: the part the elastic preconditioner
+misses.
 
-A perfectly plastic body yields along slip lines as thin as an element.  Neither the elastic flat
-block nor a coarse grid can represent them, but sweeps over the flowing nodes can, and these are
-only a few in a hundred.  The two together make one symmetric preconditioner,
+A perfectly plastic body yields along slip lines as thin as an element.  Neither the
+elastic flat block nor a coarse grid can represent them, but sweeps over the flowing
+nodes can, and these are only a few in a hundred.  The two together make one symmetric
+preconditioner,
 
     sweep up  ->  elastic block  ->  sweep down,
 
-a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition, 1996, section
-1.1).  Its product with the tangent comes for free, because each part starts from the residual
-that the one before has left.
+a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition, 1996,
+section 1.1).  Its product with the tangent comes for free, because each part starts
+from the residual that the one before has left.
 
-The tangent's rows of the flowing nodes are 3 x 3 blocks, one for each of the at most 27 nodes that
-share an element with a node.  They go strip by strip across the surface, every other strip first:
-threads share one half and then the other, as strips that are apart have no element in common.
+The tangent's rows of the flowing nodes are 3 x 3 blocks, one for each of the at most 27
+nodes that share an element with a node.  They go strip by strip across the surface,
+every other strip first: threads share one half and then the other, as strips that are
+apart have no element in common.
 """
 
 from __future__ import annotations
@@ -31,8 +34,8 @@ from fem_check.plasticity import TangentCorrection
 from fem_check.problem import Problem
 from fem_check.workers import ALONE, Workers
 
-#: Sweeps on either side of the elastic block, an odd number.  They nearly halve the iterations, and
-#: more of them save no work.
+#: Sweeps on either side of the elastic block, an odd number.  They nearly halve the
+#: iterations, and more of them save no work.
 SWEEPS = 3
 #: Least width of a strip, in nodes.  It must be more than one.
 STRIP = 4
@@ -55,15 +58,21 @@ class FlowRows(NamedTuple):
 
 
 class Smoother:
-    """The sweeps of `rows`; `held` (nx, ny) are the top nodes whose normal motion is zero."""
+    """The sweeps of `rows`; `held` (nx, ny) are the top nodes whose normal motion is
+    zero.
+    """
 
-    def __init__(self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE) -> None:
+    def __init__(
+        self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE
+    ) -> None:
         self.rows, self.workers = rows, workers
         self._inverses = np.empty((len(rows.nodes), 3, 3))  # of the diagonal blocks
         _invert(rows, held.ravel(), self._inverses)
 
     def smooth(self, residual: FloatArray, *, transposed: bool = False) -> FloatArray:
-        """The displacement (n, 3) of the flowing nodes after sweeps up, down, up, or transposed."""
+        """The displacement (n, 3) of the flowing nodes after sweeps up, down, up, or
+        transposed.
+        """
         x, right = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3)
         for k in range(SWEEPS):
             up = (k % 2 == 0) != transposed
@@ -84,7 +93,9 @@ class Smoother:
 
 
 def assemble(problem: Problem, correction: TangentCorrection, scale: float) -> FlowRows:
-    """The rows of a flat block, less `scale` times the correction, without those of the base."""
+    """The rows of a flat block, less `scale` times the correction, without those of the
+    base.
+    """
     (nx, ny), bricks = problem.block.shape, problem.bricks
     flows = np.zeros(problem.block.field_shape[:3], dtype=np.bool_)
     flows.reshape(-1)[bricks.connectivity[correction.which]] = True
@@ -101,7 +112,9 @@ def assemble(problem: Problem, correction: TangentCorrection, scale: float) -> F
     around |= np.roll(around, -1, 2)
     which, parts = _in_strips(np.flatnonzero(around), nx, ny)
     body, flow = (bricks, *problem.stiffness), (number, correction.terms, float(scale))
-    task = partial(_assemble, body, flow, which, places, _slots(nx, ny), neighbours, blocks)
+    task = partial(
+        _assemble, body, flow, which, places, _slots(nx, ny), neighbours, blocks
+    )
     for part in parts:
         problem.workers.share(task, part, weight=8.0)
     within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
@@ -111,7 +124,9 @@ def assemble(problem: Problem, correction: TangentCorrection, scale: float) -> F
 def _in_strips(
     numbers: NDArray[np.int64], nx: int, ny: int
 ) -> tuple[NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Numbers of nodes or elements in the order of strips, and the strips as in `FlowRows`."""
+    """Numbers of nodes or elements in the order of strips, and the strips as in
+    `FlowRows`.
+    """
     half = max(1, nx // (2 * STRIP))
     strip = numbers // ny % nx * 2 * half // nx
     place = strip // 2 + strip % 2 * half
@@ -122,7 +137,9 @@ def _in_strips(
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
-    """(8, 8) the slot of corner b in the row of corner a; neighbours may be one node."""
+    """(8, 8) the slot of corner b in the row of corner a; neighbours may be one
+    node.
+    """
     step = CORNERS[None, :, :] - CORNERS[:, None, :]
     for axis, count in ((0, nx), (1, ny)):
         if count <= 2:
@@ -136,7 +153,9 @@ _SELF = 13  # the slot of a node in its own row
 
 @compiled
 def subtract_correction(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
-    """Subtracts `scale` times the correction of one element from its stiffness K (24 x 24)."""
+    """Subtracts `scale` times the correction of one element from its stiffness K (24 x
+    24).
+    """
     v = np.empty(24)
     for q in range(8):
         a, b, n = scale * terms[6, q], scale * weights[q] * terms[7, q], terms[:6, q]
@@ -155,7 +174,9 @@ def subtract_correction(K, deviatoric, gradients, weights, terms, scale):  # typ
 
 @compiled
 def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
-    """Adds the stiffness K of the element with these `corners` to the rows of those that flow."""
+    """Adds the stiffness K of the element with these `corners` to the rows of those
+    that flow.
+    """
     for a in range(8):
         row = places[corners[a]]
         if row >= blocks.shape[0]:
@@ -172,7 +193,9 @@ def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no
 def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one sum
     body, flow, which, places, slots, neighbours, blocks, strips
 ):
-    """Adds the stiffness of the elements `which` in the strips to the rows of the flowing nodes."""
+    """Adds the stiffness of the elements `which` in the strips to the rows of the
+    flowing nodes.
+    """
     bricks, elastic, deviatoric = body
     number, terms, scale = flow
     K = np.empty(24 * 24)
@@ -183,13 +206,17 @@ def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one s
                 K[n] = elastic[s, n]
             if number[e] >= 0:
                 gradients, weights = bricks.gradients[s], bricks.weights[s]
-                subtract_correction(K, deviatoric[s], gradients, weights, terms[number[e]], scale)
+                subtract_correction(
+                    K, deviatoric[s], gradients, weights, terms[number[e]], scale
+                )
             _add_rows(K, bricks.connectivity[e], places, slots, neighbours, blocks)
 
 
 @compiled
 def _invert(rows, held, out):  # type: ignore[no-untyped-def]
-    """Inverses of the diagonal blocks; a held normal motion has neither row nor column."""
+    """Inverses of the diagonal blocks; a held normal motion has neither row nor
+    column.
+    """
     for r in range(rows.nodes.size):
         A, node = rows.blocks[r, _SELF], rows.nodes[r]
         d, f, g = A[2, 2], A[1, 2], A[0, 2]
@@ -205,10 +232,13 @@ def _invert(rows, held, out):  # type: ignore[no-untyped-def]
             out[r, 2, 2] = 0
 
 
-# The sums keep their order: reassociated, they would be gathered into slow vectors of neighbours.
+# The sums keep their order: reassociated, they would be gathered into slow vectors of
+# neighbours.
 @njit(fastmath={"contract", "nsz"}, **OPTIONS)
 def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-untyped-def]
-    """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes it."""
+    """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes
+    it.
+    """
     count = rows.nodes.size
     for first, stop in strips:
         for k in range(stop - first):
@@ -229,7 +259,9 @@ def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-unty
 
 @compiled
 def _multiply(rows, x, out, strips):  # type: ignore[no-untyped-def]
-    """out += K x, in the rows of the strips' flowing nodes and, of all others, of neighbours."""
+    """out += K x, in the rows of the strips' flowing nodes and, of all others, of
+    neighbours.
+    """
     count = rows.nodes.size
     for first, stop in strips:
         for r in range(first, stop):

@@ -1,8 +1,9 @@
 """Compiled loops that threads share, and the vector operations of the iterations.
 
-A loop is cut into parts that write to different places, and sums are added up piece by piece, so
-that a result has the same bits on any number of threads.  Vectors have loops of their own, because
-numpy's products call a BLAS whose threads cost more than these short loops take.
+A loop is cut into parts that write to different places, and sums are added up piece by
+piece, so that a result has the same bits on any number of threads.  Vectors have loops
+of their own, because numpy's products call a BLAS whose threads cost more than these
+short loops take.
 """
 
 from __future__ import annotations
@@ -33,17 +34,24 @@ class Workers:
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
     def share(
-        self, task: Callable[..., Any], ranges: NDArray[np.int64], *, weight: float = 1.0
+        self,
+        task: Callable[..., Any],
+        ranges: NDArray[np.int64],
+        *,
+        weight: float = 1.0,
     ) -> None:
-        """Call `task` with parts of the (r, 2) ranges, in any order, each writing to other places.
-        `weight` is the work on an item over that on an element."""
+        """Call `task` with parts of the (r, 2) ranges, in any order, each writing to
+        other places. `weight` is the work on an item over that on an element.
+        """
         if self._pool is None or len(ranges) == 1:
             task(ranges)
             return
         lengths = ranges[:, 1] - ranges[:, 0]
         ends, total = np.cumsum(lengths), int(lengths.sum())
         threads = min(self.threads, max(1, int(total * weight / self.fewest)))
-        cuts = np.searchsorted(ends - lengths / 2, total * np.arange(1, threads) / threads)
+        cuts = np.searchsorted(
+            ends - lengths / 2, total * np.arange(1, threads) / threads
+        )
         first, *parts = [part for part in np.split(ranges, cuts) if len(part)]
         others = [self._pool.submit(task, part) for part in parts]
         task(first)
@@ -52,7 +60,9 @@ class Workers:
 
 
 def pieces(count: int, length: int) -> NDArray[np.int64]:
-    """(r, 2) ranges that cut 0 to `count` into pieces of one length; the last may be less."""
+    """(r, 2) ranges that cut 0 to `count` into pieces of one length; the last may be
+    less.
+    """
     if count <= length:  # in a tenth of the time, which tells on small fields
         return np.array([[0, count]])
     first = np.arange(0, count, length)

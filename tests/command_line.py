@@ -1,4 +1,6 @@
-"""The command line for tests: in this process, or in one of its own as a user has it."""
+"""The command line for tests: in this process, or in one of its own as a user has
+it.
+"""
 
 import contextlib
 import io
@@ -15,8 +17,14 @@ Done = subprocess.CompletedProcess[str]
 
 
 def invoke(*arguments):
-    """Run the command line here, where warnings are errors and an exception ends the test."""
-    out, err, command = io.StringIO(), io.StringIO(), ["epcontact", *map(str, arguments)]
+    """Run the command line here, where warnings are errors and an exception ends the
+    test.
+    """
+    out, err, command = (
+        io.StringIO(),
+        io.StringIO(),
+        ["epcontact", *map(str, arguments)],
+    )
     with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
         for number in (signal.SIGTERM, signal.SIGINT):
             after.callback(signal.signal, number, signal.getsignal(number))

@@ -8,7 +8,8 @@ from hypothesis import settings
 settings.register_profile("without a clock", deadline=None)
 settings.load_profile("without a clock")
 os.environ.pop("PYTHONUNBUFFERED", None)  # users' output is buffered
-# Workers of xdist share the cores, and threads of numpy's linear algebra wait by spinning.
+# Workers of xdist share the cores, and threads of numpy's linear algebra wait by
+# spinning.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when numpy is loaded
 
@@ -67,7 +68,9 @@ gate = [
 
 @pytest.fixture
 def write_case(tmp_path):
-    """Write SMALL_CASE, with replacements and more text, to a file named after its id."""
+    """Write SMALL_CASE, with replacements and more text, to a file named after its
+    id.
+    """
 
     def write(*replacements, name="small", more=""):
         text = SMALL_CASE.replace('id = "small"', f'id = "{name}"') + more

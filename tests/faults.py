@@ -1,7 +1,8 @@
-"""Deliberately wrong solvers of more than one line, and the parts of those in `breaking.boundary`.
+"""Deliberately wrong solvers of more than one line, and the parts of those in
+`breaking.boundary`.
 
-They stand in for the boundary elements, and each must turn a named gate red (see test_faults.py).
-Each is the honest solver but for one mistake that somebody could make.
+They stand in for the boundary elements, and each must turn a named gate red (see
+test_faults.py). Each is the honest solver but for one mistake that somebody could make.
 """
 
 import math
@@ -35,11 +36,15 @@ def no_cap(scene):
 def clipped(scene):
     """The elastic pressure cut at the hardness, and what is cut off forgotten."""
     result = no_cap(scene)
-    return with_pressure(result, np.minimum(result.fields["pressure"], scene.material.hardness))
+    return with_pressure(
+        result, np.minimum(result.fields["pressure"], scene.material.hardness)
+    )
 
 
 def clipped_and_scaled(scene):
-    """The elastic pressure cut at the hardness, again and again scaled back to the load."""
+    """The elastic pressure cut at the hardness, again and again scaled back to the
+    load.
+    """
     pressure = no_cap(scene).fields["pressure"]
     for _ in range(200):
         pressure = np.minimum(pressure, scene.material.hardness)
@@ -49,7 +54,9 @@ def clipped_and_scaled(scene):
 
 def transposed(scene):
     """Rows taken for columns: the periods are exchanged, the arrays are not."""
-    with warnings.catch_warnings(action="ignore", category=SurfaceWarning):  # of oblong cells
+    with warnings.catch_warnings(
+        action="ignore", category=SurfaceWarning
+    ):  # of oblong cells
         surface = replace(scene.surface, periods=scene.surface.periods[::-1], recipe="")
     return honest(replace(scene, surface=surface))
 
@@ -69,7 +76,9 @@ def shifted(scene):
     """Fields an eighth of the grid off along every direction."""
     result, eighth = honest(scene), [n // 8 for n in scene.surface.shape]
     axes = range(len(eighth))
-    fields = {name: np.roll(field, eighth, axes) for name, field in result.fields.items()}
+    fields = {
+        name: np.roll(field, eighth, axes) for name, field in result.fields.items()
+    }
     return replace(result, fields=fields)
 
 
@@ -107,7 +116,9 @@ def no_compression(scene):
     modulus = material.young_modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     energy = result.final.quantities["elastic_energy"]
     energy -= scene.load.final**2 * scene.body.depth / modulus / 2
-    return with_last(result, quantities={**result.final.quantities, "elastic_energy": energy})
+    return with_last(
+        result, quantities={**result.final.quantities, "elastic_energy": energy}
+    )
 
 
 def tensile(scene):
@@ -133,7 +144,9 @@ def corrected_the_wrong_way(scene):
 
 
 def plastic_from_gap(scene):
-    """Plastic points counted where the gap is below minus a thousandth of its extent."""
+    """Plastic points counted where the gap is below minus a thousandth of its
+    extent.
+    """
     result = honest(scene)
     gap = result.fields["gap"]
     plastic = float((gap < 1e-3 * gap.min()).mean()) if gap.min() < 0 else 0.0
@@ -145,7 +158,8 @@ def plastic_from_gap(scene):
     return with_areas(result, counted)
 
 
-# --- helpers -------------------------------------------------------------------------------------
+# --- helpers
+# -------------------------------------------------------------------------------------
 
 
 def with_material(scene, **changes):
@@ -153,7 +167,9 @@ def with_material(scene, **changes):
 
 
 def with_heights(scene, heights):
-    return honest(replace(scene, surface=replace(scene.surface, heights=heights, recipe="")))
+    return honest(
+        replace(scene, surface=replace(scene.surface, heights=heights, recipe=""))
+    )
 
 
 def with_compliance(scene, change):

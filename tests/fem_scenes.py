@@ -6,8 +6,10 @@ from epcontact.scene import Body, Load, Material, Scene, Surface
 
 
 def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
-    """Self-affine heights of unit period, wave numbers 1 to `highest` per period, Hurst exponent
-    0.8, rms slope `slope`.  The waves do not depend on `nodes`: grids refine one surface."""
+    """Self-affine heights of unit period, wave numbers 1 to `highest` per period, Hurst
+    exponent 0.8, rms slope `slope`.  The waves do not depend on `nodes`: grids refine
+    one surface.
+    """
     rng = np.random.default_rng(seed)
     waves, shape = np.arange(-highest, highest + 1), (2 * highest + 1,) * dimensions
     q = np.sqrt(sum(g.astype(float) ** 2 for g in np.meshgrid(*[waves] * dimensions)))
@@ -20,26 +22,49 @@ def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
     # The real part of a sum of waves: half of each wave and of its mirror.
     heights = np.fft.ifftn(spectrum).real * nodes**dimensions
     mirrored = (amplitude + np.flip(amplitude).conj()) / 2
-    return np.asarray(heights * slope / np.sqrt(np.sum(np.abs(mirrored * 2 * np.pi * q) ** 2)))
+    return np.asarray(
+        heights * slope / np.sqrt(np.sum(np.abs(mirrored * 2 * np.pi * q) ** 2))
+    )
 
 
 def rough_scene(
-    nodes, highest, *, pressure=0.05, poisson_ratio=0.3, yield_stress=0.2,
-    hardness=0.6, dimensions=2, seed=7, slope=0.05, body=None,
-):  # fmt: skip
-    """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E* xi."""
-    heights = rough_heights(nodes, highest, seed=seed, slope=slope, dimensions=dimensions)
-    material = Material((1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress)
+    nodes,
+    highest,
+    *,
+    pressure=0.05,
+    poisson_ratio=0.3,
+    yield_stress=0.2,
+    hardness=0.6,
+    dimensions=2,
+    seed=7,
+    slope=0.05,
+    body=None,
+):
+    """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E*
+    xi.
+    """
+    heights = rough_heights(
+        nodes, highest, seed=seed, slope=slope, dimensions=dimensions
+    )
+    material = Material(
+        (1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress
+    )
     surface = Surface(heights, (1.0,) * dimensions, seed=seed)
     return Scene(surface, material, Load(pressure), body or Body())
 
 
 def sphere_scene(
-    force, *, nodes, nodes_to_rim, poisson_ratio = 0.3,
-    yield_stress = np.inf, offset = (0.21, 0.37),
-):  # fmt: skip
+    force,
+    *,
+    nodes,
+    nodes_to_rim,
+    poisson_ratio=0.3,
+    yield_stress=np.inf,
+    offset=(0.21, 0.37),
+):
     """A sphere of R = 1 m and E = 1 Pa under `force` (N); a contact of radius 0.05 m would have
-    `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings."""
+    `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings.
+    """
     period = nodes * 0.05 / nodes_to_rim
     x, y = (((np.arange(nodes) + o) / nodes - 0.5) * period for o in offset)
     return Scene(
@@ -94,7 +119,8 @@ source = "the load"
 because = "the tolerance of the solver"
 """
 
-#: A gate that only J2 flow on a flat block, under one load and beside a cap, can answer.
+#: A gate that only J2 flow on a flat block, under one load and beside a cap, can
+#: answer.
 MODEL_GATE = """
 [[gate]]
 quantity = "quantity.model_area"

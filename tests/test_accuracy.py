@@ -1,4 +1,6 @@
-"""The ledger of accuracy: bias and scatter of known rows, a user's own sweep, and the package's."""
+"""The ledger of accuracy: bias and scatter of known rows, a user's own sweep, and the
+package's.
+"""
 
 import numpy as np
 import pandas as pd
@@ -19,13 +21,18 @@ def test_bias_is_the_median_and_scatter_half_of_the_central_68_percent():
     about = {"quantity": "A_el", "points": np.nan} | dict.fromkeys(names, np.nan)
     both = pd.concat([rows.assign(pair="FE – BEM"), tiny.assign(pair="theory – BEM")])
     first, second = ledger(both.assign(**about)).to_dict("records")
-    assert (first["bias"], first["scatter"], first["scenes"]) == pytest.approx((0.05, 0.102, 301))
+    assert (first["bias"], first["scatter"], first["scenes"]) == pytest.approx(
+        (0.05, 0.102, 301)
+    )
     assert second["bias"] == pytest.approx(1e-5 / SMALLEST_AREA)  # and no 100 %
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    home, names = tmp_path_factory.mktemp("sweeps"), ("accuracy-grids", "accuracy-elements")
+    home, names = (
+        tmp_path_factory.mktemp("sweeps"),
+        ("accuracy-grids", "accuracy-elements"),
+    )
     return [sweep.run_sweep(name, output=home, jobs=1).folder for name in names]
 
 
@@ -35,7 +42,9 @@ def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     solved = pd.concat(map(sweep.table, folders))
     solved["n"] = solved["surface.points_per_shortest_wavelength"]
     own = solved.groupby(["method", "n"])["area.total.corrected"].first()
-    exact = rows[rows["pair"] == "BEM – continuum"].set_index("quantity")["reference"]["A"]
+    exact = rows[rows["pair"] == "BEM – continuum"].set_index("quantity")["reference"][
+        "A"
+    ]
     assert set(exact) == {own["bem", 16]}
     assert areas["FE – BEM, same grid", 3] == own["fem", 3]
     assert areas["FE – continuum", 4] == own["fem", 4]
@@ -49,7 +58,9 @@ def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     file = tmp_path / "ledger.csv"
     done = invoke("accuracy", *folders, "--csv", file, "--charts", tmp_path / "charts")
     assert (done.returncode, "theory – BEM" in done.stdout) == (0, True)
-    lines = (line for line in lines_of_file(file) if "time" not in line and "fft" not in line)
+    lines = (
+        line for line in lines_of_file(file) if "time" not in line and "fft" not in line
+    )
     same_as_read(lines, "ledger.txt", tmp_path)
     assert len([*tmp_path.glob("charts/*.png")]) == 3
 
@@ -60,23 +71,34 @@ def test_elements_are_held_against_calculix_on_every_grid(folders, monkeypatch):
     posing = [(t | {"method": "calculix"}, r) for t, r in known if t["method"] == "fem"]
     monkeypatch.setattr(sweep, "members", lambda _: known + posing)
     rows = read_rows(folders[1:]).set_index(["quantity", "points"]).groupby("pair")
-    own, other = (rows.get_group(f"FE – {name}, same grid") for name in ("CalculiX", "BEM"))
+    own, other = (
+        rows.get_group(f"FE – {name}, same grid") for name in ("CalculiX", "BEM")
+    )
     assert own["value"].equals(own["reference"])
     assert own["value"]["A"].equals(other["value"]["A"])
 
 
 def test_the_ledger_of_the_package_rests_on_its_tables():
     rows, known = read_rows(), theory_map()
-    mine = rows[(rows["quantity"] == "A") & (rows["pair"] == "theory – BEM")].set_index("reference")
+    mine = rows[(rows["quantity"] == "A") & (rows["pair"] == "theory – BEM")].set_index(
+        "reference"
+    )
     for place in (0, 400, 785):
         error = mine["value"][known["total"][place]] / known["total"][place] - 1
         assert np.isclose(error, known["total_theory"][place], rtol=1e-9).any()
-    assert {"law epcontact – BEM", "BEM – closed form", "FE – CalculiX"} <= set(rows["pair"])
-    laws = rows[rows["pair"] == "law epcontact – BEM"][["load", "hardness", "reference"]]
+    assert {"law epcontact – BEM", "BEM – closed form", "FE – CalculiX"} <= set(
+        rows["pair"]
+    )
+    laws = rows[rows["pair"] == "law epcontact – BEM"][
+        ["load", "hardness", "reference"]
+    ]
     kept = conductance.kept().assign(load=lambda t: t["load"] * t["hardness"])
     own = kept.rename(columns={"y": "reference"})[[*laws]].round(12)
     assert len(laws.round(12).merge(own.drop_duplicates())) == len(laws) > 50
-    for method in ("BEM", "FE"):  # counts are of first order, and corrections leave a quarter
+    for method in (
+        "BEM",
+        "FE",
+    ):  # counts are of first order, and corrections leave a quarter
         own = rows[rows["pair"] == f"{method} – continuum"].assign(
             error=lambda t: differences(t) ** 2
         )
@@ -89,13 +111,33 @@ def test_the_ledger_of_the_package_rests_on_its_tables():
 def test_the_charts_of_the_ledger_are_as_read(tmp_path):
     """Of made-up rows, no two alike, with three scenes of each answer."""
     limit, known = "BEM – continuum", []
-    place = [(limit, 4, "A"), (limit, 8, "A"), ("FE – continuum", 6, "A"), (limit, 8, "A raw"),
-             ("theory – BEM", 4, "A"), ("FE – BEM", 4, "A"), (limit, 4, "A_pl")]  # fmt: skip
+    place = [
+        (limit, 4, "A"),
+        (limit, 8, "A"),
+        ("FE – continuum", 6, "A"),
+        (limit, 8, "A raw"),
+        ("theory – BEM", 4, "A"),
+        ("FE – BEM", 4, "A"),
+        (limit, 4, "A_pl"),
+    ]
     for k, (pair, points, quantity) in enumerate(place, 1):
-        exact, pairs = 0.11 + 0.013 * k * np.arange(3), (31.0 + k * np.arange(3)) * (pair[0] != "F")
-        off, time = 0.01 * k - 0.07 * np.arange(3) ** 2, 1.7**k + np.array([0.0, 3.0, 1.0])
-        rows = {"reference": exact, "value": exact * (1 + off), "time": time, "fft_pairs": pairs}
-        known.append(pd.DataFrame(rows).assign(pair=pair, points=points, quantity=quantity))
+        exact, pairs = (
+            0.11 + 0.013 * k * np.arange(3),
+            (31.0 + k * np.arange(3)) * (pair[0] != "F"),
+        )
+        off, time = (
+            0.01 * k - 0.07 * np.arange(3) ** 2,
+            1.7**k + np.array([0.0, 3.0, 1.0]),
+        )
+        rows = {
+            "reference": exact,
+            "value": exact * (1 + off),
+            "time": time,
+            "fft_pairs": pairs,
+        }
+        known.append(
+            pd.DataFrame(rows).assign(pair=pair, points=points, quantity=quantity)
+        )
     charts = enumerate(STUDIES["accuracy"].run(known=pd.concat(known)))
     lines = (line for n, chart in charts for line in lines_of_chart(f"{n}", chart))
     same_as_read(lines, "ledger-charts.txt", tmp_path)

@@ -1,4 +1,5 @@
-"""Bad input of every kind: one sentence, exit code 2, nothing half-written, never silence.
+"""Bad input of every kind: one sentence, exit code 2, nothing half-written, never
+silence.
 
 Case files and command lines are mutated at random, but the same way every time;
 the quick suite takes some dozens of mutants, the long one hundreds.
@@ -22,7 +23,8 @@ from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.case_files.text import SIZES
 
-# --- mistakes in case files ----------------------------------------------------------------------
+# --- mistakes in case files
+# ----------------------------------------------------------------------
 
 GRID = "points_per_shortest_wavelength = { fast = 4, full = 8 }"
 LOAD, HEAD = "mean_pressure = 5.0e8", "[load]"
@@ -30,13 +32,20 @@ WAVE = 'kind = "sinusoid"\nperiod = 1e-3\nshape = [8]\namplitude = 1e-6'
 SURFACE = 'kind = "file"\npath = "map.npy"\nperiod = 1e-3\nunit = 1.0'
 NO_SIZE = "points_per_shortest_wavelength = { fast = 4 }\nseeds = { full = [3] }"
 TOTAL = 'quantity = "area.total.corrected"\nof = "bem"\nagainst = "persson"'
-MEASURED = 'quantity = "quantity.measured_force"\nof = "persson"\nagainst = 0.0\nsource = "0"'
+MEASURED = (
+    'quantity = "quantity.measured_force"\nof = "persson"\nagainst = 0.0\nsource = "0"'
+)
 OMIT = '[[omit]]\nof = "bem"\nquantity = "quantity.measured_gab"\nbecause = "x"\n[load]'
 GATE = SMALL_CASE[SMALL_CASE.index("[[gate]]") :]
 
-#: What is replaced in the file, by what, and what the sentence says: the key and the remedy.
+#: What is replaced in the file, by what, and what the sentence says: the key and the
+#: remedy.
 MISTAKES = [
-    ('kind = "self_affine"', 'kind = "selfaffine"', r"surface\.kind must be one of .* self_affine"),
+    (
+        'kind = "self_affine"',
+        'kind = "selfaffine"',
+        r"surface\.kind must be one of .* self_affine",
+    ),
     ('["persson", "bem"]', '["persson", "bme"]', "methods.* 'bme'; did you mean 'bem'"),
     ('["persson", "bem"]', '["bem", "bem"]', "names bem, bem; name each method once"),
     ('against = "persson"', 'against = "herz"', "'herz', which is neither .* 'hertz'"),
@@ -45,24 +54,64 @@ MISTAKES = [
     ("[theory]", "[[theory]]", r"theory is \[\{.* but must be a valid dict"),
     (f"[load]\n{LOAD}", "", r"load is missing; add it \(a table \[load\]\)"),
     ("[theory]\nenergy_reduction = 0.536", "", r"needs a table \[theory\]"),
-    (ROUGH, WAVE, r"theory\.spectrum is 'analytic', but a surface of kind sinusoid is not drawn"),
-    ("period = 1", "period = [1e-3, 1e-7] # ", "are 0 on a period of 1e-07 m, but at least 2"),
-    (LOAD, "mean_pressure = [2.0e8, 1.0e8]", "mean_pressure decreases .* non-decreasing"),
+    (
+        ROUGH,
+        WAVE,
+        r"theory\.spectrum is 'analytic', but a surface of kind sinusoid is not drawn",
+    ),
+    (
+        "period = 1",
+        "period = [1e-3, 1e-7] # ",
+        "are 0 on a period of 1e-07 m, but at least 2",
+    ),
+    (
+        LOAD,
+        "mean_pressure = [2.0e8, 1.0e8]",
+        "mean_pressure decreases .* non-decreasing",
+    ),
     (GRID, "shape = [8, 8]", "wavenumber_high .* needs at least"),
     ("seeds", "shape = [64, 64]\nseeds", "either .*points_per|points_per.* either"),
     (HEAD, '[body]\nkind = "bonded_layer"\n[load]', "body: depth is inf.* in m"),
-    ('against = "persson"', 'against = "heights"', "heights has no 'area.total.corrected'; it has"),
-    ('"area.total.corrected"', '"field.pressure"\nnorm = "l2"', "give a closed form that has it"),
-    ('against = "persson"', "against = 0.1", "gate 1: against is a number without a source"),
+    (
+        'against = "persson"',
+        'against = "heights"',
+        "heights has no 'area.total.corrected'; it has",
+    ),
+    (
+        '"area.total.corrected"',
+        '"field.pressure"\nnorm = "l2"',
+        "give a closed form that has it",
+    ),
+    (
+        'against = "persson"',
+        "against = 0.1",
+        "gate 1: against is a number without a source",
+    ),
     ('against = "persson"', 'against = nan\nsource = "x"', "against is nan.* finite"),
     ('against = "persson"', 'against = "bem"', "compared with itself"),
-    ("tolerance = 0.5", "tolerance = 1\nbetween = [0, 1]", "give either tolerance or between"),
+    (
+        "tolerance = 0.5",
+        "tolerance = 1\nbetween = [0, 1]",
+        "give either tolerance or between",
+    ),
     ("tolerance = 0.5", "between = [1, 0]", "between is out of order"),
     ("tolerance = 0.5", "between = [-inf, inf]", "holds whatever the difference is"),
-    ("tolerance = 0.5", 'tolerance = 1\nsizes = ["full"]', "no gate applies to size 'fast'"),
-    ("tolerance = 0.5", f"tolerance = 1\nsizes = {list(SIZES)}", "applies to size 'large', which"),
+    (
+        "tolerance = 0.5",
+        'tolerance = 1\nsizes = ["full"]',
+        "no gate applies to size 'fast'",
+    ),
+    (
+        "tolerance = 0.5",
+        f"tolerance = 1\nsizes = {list(SIZES)}",
+        "applies to size 'large', which",
+    ),
     ("tolerance = 0.5", 'tolerance = 1\nnorm = "l2"', "a field, and nothing else, has"),
-    ("tolerance = 0.5", 'tolerance = 1\nnorm = "supremum"', "a distribution, and nothing else"),
+    (
+        "tolerance = 0.5",
+        'tolerance = 1\nnorm = "supremum"',
+        "a distribution, and nothing else",
+    ),
     (TOTAL, MEASURED, r"gate 1: quantity\.measured_force .* persson has none"),
     (f"{GRID}\nseeds = [3, 5, 7]", NO_SIZE, "given by size have no size in common"),
 ]
@@ -74,12 +123,24 @@ OF_FAMILY = [
     (GATE, f"{GATE}\n{GATE}", "could complete any of 2"),
 ]
 OF_J2 = [
-    ('law = "j2"', 'law = "j2"\ngeometry = "moved"', "needs a gate of .* fem.law = 'j2'"),
+    (
+        'law = "j2"',
+        'law = "j2"\ngeometry = "moved"',
+        "needs a gate of .* fem.law = 'j2'",
+    ),
     ("hardness = 6.9231e+09", "", "has a yield_stress and no hardness"),
     ("hardness = 6.9231e+09", "hardness = 2e9", "below the yield_stress of 2.3077e"),
     ("hardness = 6.9231e+09", "hardness = inf", "needs a finite material.hardness"),
-    ("yield_stress = 2.3077e+09", "", r"fem\.law is 'j2', but \[material\] yield_stress is missi"),
-    ('law = "j2"', 'law = "elastic"\nsteps = 4', "steps has no effect on law 'elastic'"),
+    (
+        "yield_stress = 2.3077e+09",
+        "",
+        r"fem\.law is 'j2', but \[material\] yield_stress is missi",
+    ),
+    (
+        'law = "j2"',
+        'law = "elastic"\nsteps = 4',
+        "steps has no effect on law 'elastic'",
+    ),
 ]
 FILES = {
     "small": (SMALL_CASE, MISTAKES),
@@ -119,7 +180,11 @@ def test_all_mistakes_are_told_at_once(write_case):
     def refusals(*edits, more=""):
         path = write_case(*edits, more=more)
         done, start = verified(path, path.parent / "output"), f"epcontact: {path}: "
-        assert (done.returncode, done.stdout, (path.parent / "output").exists()) == (2, "", False)
+        assert (done.returncode, done.stdout, (path.parent / "output").exists()) == (
+            2,
+            "",
+            False,
+        )
         assert all(line.startswith(start) for line in done.stderr.splitlines())
         return [line.removeprefix(start) for line in done.stderr.splitlines()]
 
@@ -139,7 +204,11 @@ def test_all_mistakes_are_told_at_once(write_case):
         "gate 1: no quantity is called 'area.total.corected'; did you mean 'area.total.corrected'?",
     ]
     # Those between tables.
-    edits = (('id = "small"', 'id = "other"'), ('["persson", "bem"]', '["bem"]'), (HEAD, OMIT))
+    edits = (
+        ('id = "small"', 'id = "other"'),
+        ('["persson", "bem"]', '["bem"]'),
+        (HEAD, OMIT),
+    )
     assert refusals(*edits, (LOAD, "mean_pressure = 7.0e9")) == [
         "case.id is 'other', but must be the file's name, 'small'",
         "mean_pressure is 7e+09 Pa, but must stay below the hardness of 6e+09 Pa",
@@ -159,7 +228,8 @@ def test_all_mistakes_are_told_at_once(write_case):
     assert (len(told), last) == (20, "there are 14 more mistakes")
 
 
-# --- mutants of case files and of command lines ---------------------------------------------------
+# --- mutants of case files and of command lines
+# ---------------------------------------------------
 
 #: A case with keys of every kind, which one small surface answers.
 CASE = SMALL_CASE
@@ -167,7 +237,10 @@ for _old, _new in (
     ('["persson", "bem"]', '["persson", "bem"]\ntime_limit = 20.0\nverify = true'),
     ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 2.513274122871834e4"),
     ("seeds = [3, 5, 7]", "seeds = [3]"),
-    ("hardness = 6.0e9", 'hardness = 6.0e9\nyield_stress = 2.0e9\n\n[body]\nkind = "half_space"'),
+    (
+        "hardness = 6.0e9",
+        'hardness = 6.0e9\nyield_stress = 2.0e9\n\n[body]\nkind = "half_space"',
+    ),
     ("= 0.536", '= 0.536\nspectrum = "analytic"\n\n[bem]\ntolerance = 1e-8'),
     ("mean_pressure = 5.0e8", "mean_pressure = [2.5e8, 5.0e8]"),
     ("tolerance = 0.5", 'norm = "relative"\nbetween = [-0.5, 0.5]\nsource = "-"'),
@@ -183,7 +256,9 @@ def require_decent(done, output):
     require_whole(output)
     if (output / "verdict.json").exists():
         verdict = json.loads((output / "verdict.json").read_bytes())
-        statuses = {gate["status"] for case in verdict["cases"] for gate in case["gates"]}
+        statuses = {
+            gate["status"] for case in verdict["cases"] for gate in case["gates"]
+        }
         assert verdict["exit_code"] == done.returncode
         assert (done.returncode == 0) == (statuses <= {"holds"})
     elif done.returncode == 2:
@@ -213,23 +288,54 @@ def verified(case, output):
 def for_each(examples, strategy, judge):
     """Judge so many mutants, the same ones every time."""
     same = settings(
-        max_examples=examples, derandomize=True, database=None,
+        max_examples=examples,
+        derandomize=True,
+        database=None,
         suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    )
     same(given(strategy)(judge))()
 
 
 def some(quick, many):
     """So many mutants in the quick suite, and so many in the long one."""
-    return pytest.mark.parametrize("examples", [quick, pytest.param(many, marks=pytest.mark.long)])
+    return pytest.mark.parametrize(
+        "examples", [quick, pytest.param(many, marks=pytest.mark.long)]
+    )
 
 
 JUNK = [
-    "nan", "inf", "-inf", "0", "-0.0", "-1", "1e400", "1e-320", "1.8e308", "1" + 22 * "0",
-    "true", '""', '"\\u0000"', '"..//../x"', '"persson"', "[]", "[[]]", "[nan]", "{}", "[1, 2, 3]",
-    "{ fast = 1 }", "{ full = 1 }", "{ fast = {}, full = [] }", "1979-05-27", "'''a\nb'''", "0x10",
-    '"area.total.raw"', "[-1.0, 1.0]", "3", "0.3", "1e9",
-]  # fmt: skip
+    "nan",
+    "inf",
+    "-inf",
+    "0",
+    "-0.0",
+    "-1",
+    "1e400",
+    "1e-320",
+    "1.8e308",
+    "1" + 22 * "0",
+    "true",
+    '""',
+    '"\\u0000"',
+    '"..//../x"',
+    '"persson"',
+    "[]",
+    "[[]]",
+    "[nan]",
+    "{}",
+    "[1, 2, 3]",
+    "{ fast = 1 }",
+    "{ full = 1 }",
+    "{ fast = {}, full = [] }",
+    "1979-05-27",
+    "'''a\nb'''",
+    "0x10",
+    '"area.total.raw"',
+    "[-1.0, 1.0]",
+    "3",
+    "0.3",
+    "1e9",
+]
 
 
 @st.composite
@@ -247,7 +353,9 @@ def mutants(draw):
         elif what == "value" and equals:
             lines[i] = f"{key} = {draw(st.sampled_from(JUNK))}"
         elif what == "key" and equals:
-            lines[i] = lines[i].replace(key, draw(st.sampled_from([key[:-1], key * 2, "", "é"])), 1)
+            lines[i] = lines[i].replace(
+                key, draw(st.sampled_from([key[:-1], key * 2, "", "é"])), 1
+            )
         elif what == "swap":
             lines[i], lines[j] = lines[j], lines[i]
     return "\n".join(lines).encode()
@@ -258,7 +366,9 @@ def refuses(path):
     try:
         load_case(path)
     except InvalidCase as error:
-        return all(str(path) in sentence and "\n" not in sentence for sentence in error.args)
+        return all(
+            str(path) in sentence and "\n" not in sentence for sentence in error.args
+        )
     return False
 
 
@@ -278,7 +388,8 @@ def test_mutants_of_a_case_file(tmp_path, examples):
 
 @pytest.mark.parametrize("junk", JUNK)
 def test_every_value_replaced_by_junk(tmp_path, junk):
-    # No mutant is solved here: what reads as a case must read as another case than the original.
+    # No mutant is solved here: what reads as a case must read as another case than the
+    # original.
     path = tmp_path / "small.toml"
     path.write_text(CASE)
     original, lines = signature(load_case(path)), CASE.splitlines()
@@ -288,7 +399,9 @@ def test_every_value_replaced_by_junk(tmp_path, junk):
         if not equals or refuses(path):
             continue
         if tomllib.loads(CASE) != tomllib.loads(path.read_text()):
-            assert signature(load_case(path)) != original, f"{line} -> {junk} changes nothing"
+            assert signature(load_case(path)) != original, (
+                f"{line} -> {junk} changes nothing"
+            )
 
 
 def signature(case):
@@ -298,11 +411,48 @@ def signature(case):
 
 
 WORDS = [
-    "list", "keys", "run", "verify", "small", "small.toml", "absent.toml", ".", "..", "", "-", "--",
-    "--help", "--version", "--size", "fast", "full", "large", "--jobs", "1", "0", "-1", "1e9",
-    "--output", "out", "--fresh", "--fields", "none", "all", "--method", "bem", "fem", "--solver",
-    "faults:honest", ":", "os:getcwd", "--solver=a:b", "-x", "\x1b[31m", "é" * 300, "/dev/null",
-]  # fmt: skip
+    "list",
+    "keys",
+    "run",
+    "verify",
+    "small",
+    "small.toml",
+    "absent.toml",
+    ".",
+    "..",
+    "",
+    "-",
+    "--",
+    "--help",
+    "--version",
+    "--size",
+    "fast",
+    "full",
+    "large",
+    "--jobs",
+    "1",
+    "0",
+    "-1",
+    "1e9",
+    "--output",
+    "out",
+    "--fresh",
+    "--fields",
+    "none",
+    "all",
+    "--method",
+    "bem",
+    "fem",
+    "--solver",
+    "faults:honest",
+    ":",
+    "os:getcwd",
+    "--solver=a:b",
+    "-x",
+    "\x1b[31m",
+    "é" * 300,
+    "/dev/null",
+]
 
 
 @some(40, 150)
@@ -310,7 +460,8 @@ def test_command_lines(tmp_path, monkeypatch, examples):
     def judge(words):
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
         monkeypatch.chdir(folder)
-        # A bare `verify` runs the one case of this folder, not all those of the package.
+        # A bare `verify` runs the one case of this folder, not all those of the
+        # package.
         (folder / "cases").mkdir()
         for path in (folder / "small.toml", folder / "cases" / "small.toml"):
             path.write_text(CASE)
@@ -318,7 +469,9 @@ def test_command_lines(tmp_path, monkeypatch, examples):
         done = invoke(*words)
         assert done.returncode in (0, 1, 2), (words, done)
         assert "Traceback" not in done.stdout + done.stderr
-        if done.returncode == 2 and not any((folder / n).exists() for n in ("out", "results")):
+        if done.returncode == 2 and not any(
+            (folder / n).exists() for n in ("out", "results")
+        ):
             told = done.stderr.splitlines()[-1].startswith("epcontact: ")
             assert told or "Usage: epcontact" in done.stderr, (words, done)
             assert {p for p in folder.rglob("*") if p.is_file()} == before
@@ -328,7 +481,8 @@ def test_command_lines(tmp_path, monkeypatch, examples):
     for_each(examples, st.lists(st.sampled_from(WORDS) | text, max_size=7), judge)
 
 
-# --- files that are no files, far too much, and output that cannot be written --------------------
+# --- files that are no files, far too much, and output that cannot be written
+# --------------------
 
 
 @pytest.fixture
@@ -341,7 +495,12 @@ def small(tmp_path):
 def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("cases").mkdir()
-    links = {"dangling": "nowhere", "loop": "loop.toml", "device": "/dev/zero", "folder": "."}
+    links = {
+        "dangling": "nowhere",
+        "loop": "loop.toml",
+        "device": "/dev/zero",
+        "folder": ".",
+    }
     for name, target in links.items():
         Path(f"cases/{name}.toml").symlink_to(target)
     os.mkfifo("cases/pipe.toml")
@@ -356,7 +515,11 @@ def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch):
 
 def test_far_too_much_is_told_before_it_is_tried(small, tmp_path):
     grids = [(GRID, f"shape = [{n}, 16]") for n in (10**9, 10**11)]
-    for old, new in (*grids, ("period = 1.0e-3", "period = 1e6"), ("= [3]", f"= [{2**70}]")):
+    for old, new in (
+        *grids,
+        ("period = 1.0e-3", "period = 1e6"),
+        ("= [3]", f"= [{2**70}]"),
+    ):
         small.write_text(CASE.replace(old, new))
         require_decent(verified(small, tmp_path / "out"), tmp_path / "out")
 
@@ -388,9 +551,17 @@ def test_spoilt_result_is_not_reused(small, tmp_path):
     changed = json.loads(whole)
     changed["steps"][-1]["areas"]["corrected"]["total"] = "nonsense"
     edited = whole.replace(b'"mean_pressure": 5', b'"mean_pressure": 6')
-    for content in (whole[:-20], b"\xff\xfe", b"[]", json.dumps(changed).encode(), edited):
+    for content in (
+        whole[:-20],
+        b"\xff\xfe",
+        b"[]",
+        json.dumps(changed).encode(),
+        edited,
+    ):
         assert content != whole
         member.write_bytes(content)
         done = verified(small, tmp_path)
-        assert (done.returncode, "bem seed3 (reused)" in done.stderr) == (0, False), content[:40]
+        assert (done.returncode, "bem seed3 (reused)" in done.stderr) == (0, False), (
+            content[:40]
+        )
         assert json.loads(member.read_bytes())["key"] == changed["key"]

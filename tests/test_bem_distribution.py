@@ -1,11 +1,17 @@
-"""Pressure distributions: counts, ends, and their limit for a vanishing grid spacing."""
+"""Pressure distributions: counts, ends, and their limit for a vanishing grid
+spacing.
+"""
 
 import math
 
 import numpy as np
 import pytest
 
-from epcontact.bem.areas.distribution import end_fits, extrapolated, pressure_distribution
+from epcontact.bem.areas.distribution import (
+    end_fits,
+    extrapolated,
+    pressure_distribution,
+)
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas
 
@@ -52,13 +58,17 @@ def test_end_fits_of_a_linear_density(random_pressures):
     low, high = end_fits(random_pressures, 3.0, 0.6, (EXACT, Areas(0.69, 0.47, 0.22)))
     share = 0.5 * (1 - 0.8**2)
     wanted = 1 / 9 - 2 * 0.01 / 0.36, 2 * (share - 0.02) / 0.36
-    assert (low.continuum_slope, high.continuum_slope) == pytest.approx(wanted, rel=1e-2)
+    assert (low.continuum_slope, high.continuum_slope) == pytest.approx(
+        wanted, rel=1e-2
+    )
 
 
 def test_extrapolation_is_exact_on_its_own_law():
     n = np.array([4.0, 8.0, 16.0])
     for order in (0.5, 1.0, 2.0):
-        assert extrapolated(n, 3 - 2 * n**-order, order) == pytest.approx((3, 0), abs=1e-7)
+        assert extrapolated(n, 3 - 2 * n**-order, order) == pytest.approx(
+            (3, 0), abs=1e-7
+        )
     assert extrapolated(n[:2], np.array([1.5, 1.25]), 1.0) == pytest.approx((1.0, 0.25))
     limit, error = extrapolated(n, 3 - 2 / n + 5 / n**2, 1.0)
     assert abs(limit - 3) <= error

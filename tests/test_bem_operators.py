@@ -1,4 +1,6 @@
-"""The parts of a solve: work in blocks, convolutions, cheap operators, filters, long indices."""
+"""The parts of a solve: work in blocks, convolutions, cheap operators, filters, long
+indices.
+"""
 
 import numpy as np
 import pytest
@@ -18,17 +20,23 @@ RNG = np.random.default_rng
 
 def symbol_of(shape, body=None, periods=None):
     periods = periods or (shape[0] * 1e-6 if shape[0] > 1 else 1.0, shape[1] * 1e-6)
-    return tr.Symbol.from_quarter(quarter_compliance(shape, periods, body or Body(), STEEL), shape)
+    return tr.Symbol.from_quarter(
+        quarter_compliance(shape, periods, body or Body(), STEEL), shape
+    )
 
 
 def points_of(contact, convolution):
     index, ny = np.flatnonzero(contact).astype(np.int32), contact.shape[1]
-    ends = [np.searchsorted(index, (r.start * ny, r.stop * ny)) for r in convolution.rows]
+    ends = [
+        np.searchsorted(index, (r.start * ny, r.stop * ny)) for r in convolution.rows
+    ]
     return tr.Points(index, [slice(*map(int, pair)) for pair in ends])
 
 
 def scattered(shape, share, seed):
-    """Contacts of about four points, at random, that cover about `share` of the grid."""
+    """Contacts of about four points, at random, that cover about `share` of the
+    grid.
+    """
     modes = np.fft.rfft2(RNG(seed).standard_normal(shape))
     q = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
     field = np.fft.irfft2(modes * np.exp(-((q * 4) ** 2)), s=shape)
@@ -38,7 +46,9 @@ def scattered(shape, share, seed):
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_results_of_blocks_are_in_order_and_their_errors_are_raised(threads):
     with Workers(threads) as workers:
-        assert workers.each(divmod, list(range(40)), 7) == [divmod(k, 7) for k in range(40)]
+        assert workers.each(divmod, list(range(40)), 7) == [
+            divmod(k, 7) for k in range(40)
+        ]
         with pytest.raises(ZeroDivisionError):
             workers.each(divmod, 7, [3, 2, 0, 1])
         assert workers.total(divmod, [7, 8], 3) == (4, 3)
@@ -69,13 +79,17 @@ def test_convolution_is_the_circular_one(shape):
     ("shape", "share"), [((128, 64), 1.0), ((96, 130), 0.2), ((960, 600), 0.1)]
 )
 def test_split_operator_is_near_the_exact_one(shape, share, body):
-    """White noise is the hardest: alias of the half grid.  One outer step gains what is left.
-    Threads and what was in the memory before do not matter."""
+    """White noise is the hardest: alias of the half grid.  One outer step gains what is
+    left. Threads and what was in the memory before do not matter.
+    """
     found = []
     for threads in (1, 3):
         with Workers(threads) as workers:
             exact = tr.Convolution(symbol_of(shape, body), 3e9, workers)
-            cheap, points = split.SplitOperator(exact), points_of(scattered(shape, share, 2), exact)
+            cheap, points = (
+                split.SplitOperator(exact),
+                points_of(scattered(shape, share, 2), exact),
+            )
             values, other = RNG(1).standard_normal((2, points.index.size))
             want, got = np.empty_like(values), np.empty_like(values)
             exact.apply_on(points, values, want, other)
@@ -91,17 +105,24 @@ def test_split_operator_is_near_the_exact_one(shape, share, body):
 
 @pytest.mark.parametrize("shape", [(9, 7), (256, 320)])
 def test_modes_are_filtered_to_the_same_bits_by_any_number_of_threads(shape):
-    field, modes = RNG(4).standard_normal(shape), RNG(5).random((shape[0], shape[1] // 2 + 1))
+    field, modes = (
+        RNG(4).standard_normal(shape),
+        RNG(5).random((shape[0], shape[1] // 2 + 1)),
+    )
     modes = modes + modes[-np.arange(shape[0])]
     with Workers(2) as two:
         found = tr.filtered(field, modes, two)
     np.testing.assert_array_equal(found, tr.filtered(field, modes, ONE))
-    assert np.abs(found - np.fft.irfft2(np.fft.rfft2(field) * modes, s=shape)).max() < 1e-13
+    assert (
+        np.abs(found - np.fft.irfft2(np.fft.rfft2(field) * modes, s=shape)).max()
+        < 1e-13
+    )
 
 
 def test_points_beyond_2_to_31_are_counted_right():
-    """The passes that turn flat indices into rows, columns and cells, on the last rows of a grid
-    of 65536 x 65536 points of which only these rows exist."""
+    """The passes that turn flat indices into rows, columns and cells, on the last rows
+    of a grid of 65536 x 65536 points of which only these rows exist.
+    """
     side, rows = 65536, 2
     first, p = (side - rows) * side, RNG(6).random(rows * side)
     here = np.flatnonzero(p > 0.999)
@@ -111,7 +132,9 @@ def test_points_beyond_2_to_31_are_counted_right():
     np.testing.assert_array_equal(index, first + here)
     block = np.empty((rows, side))
     tr.scatter(block, first, index, pressure)
-    assert tr.gather_dot(block, first, index, out, out)[0] == pytest.approx(p[here].sum())
+    assert tr.gather_dot(block, first, index, out, out)[0] == pytest.approx(
+        p[here].sum()
+    )
     np.testing.assert_array_equal(out, p[here])
     n, columns = side // CELL, np.arange(side, dtype=np.int32) // CELL
     cells, sums = np.empty(here.size, dtype=np.int32), np.empty((1, n))

@@ -1,4 +1,6 @@
-"""The capped contact problem by boundary elements: exact properties, few transforms, all scenes."""
+"""The capped contact problem by boundary elements: exact properties, few transforms,
+all scenes.
+"""
 
 import itertools
 import math
@@ -42,12 +44,16 @@ def scene(heights, load=LOAD, hardness=HARDNESS, body=None, periods=None, nu=0.0
 
 
 def solve(*args, tolerance=1e-9, threads=1, start=None, **options):
-    return bem.solve(scene(*args, **options), tolerance=tolerance, threads=threads, start=start)
+    return bem.solve(
+        scene(*args, **options), tolerance=tolerance, threads=threads, start=start
+    )
 
 
 def require_kkt(result, hardness):
     """The conditions of the minimum, from the fields alone."""
-    h, p, g, state = (result.fields[name] for name in ("heights", "pressure", "gap", "state"))
+    h, p, g, state = (
+        result.fields[name] for name in ("heights", "pressure", "gap", "state")
+    )
     assert p.min() >= 0
     assert p.max() <= hardness
     scale = 1e-8 * max(np.std(h), result.final.mean_pressure / E * PERIOD)
@@ -61,7 +67,9 @@ def require_kkt(result, hardness):
 
 
 def require_same(result, other, tolerance=1e-6 * E):
-    assert np.abs(result.fields["pressure"] - other.fields["pressure"]).max() < tolerance
+    assert (
+        np.abs(result.fields["pressure"] - other.fields["pressure"]).max() < tolerance
+    )
 
 
 @pytest.mark.parametrize("share", [0.08, 0.5, 0.97])
@@ -69,17 +77,30 @@ def require_same(result, other, tolerance=1e-6 * E):
 def test_particle_hole_symmetry(shape, share):
     """(h, p0) -> (-h, hardness - p0) maps p to hardness - p and g to -g."""
     heights = rough(shape)
-    this, that = solve(heights, share * HARDNESS), solve(-heights, (1 - share) * HARDNESS)
+    this, that = (
+        solve(heights, share * HARDNESS),
+        solve(-heights, (1 - share) * HARDNESS),
+    )
     require_kkt(this, HARDNESS)
     # A gap error of 1e-9 h_rms is worth a pressure of about E* pi/(2 dx) 1e-9 h_rms.
-    assert np.abs(this.fields["pressure"] + that.fields["pressure"] - HARDNESS).max() < 1e-6 * E
-    assert np.abs(this.fields["gap"] + that.fields["gap"]).max() < 1e-8 * np.std(heights)
+    assert (
+        np.abs(this.fields["pressure"] + that.fields["pressure"] - HARDNESS).max()
+        < 1e-6 * E
+    )
+    assert np.abs(this.fields["gap"] + that.fields["gap"]).max() < 1e-8 * np.std(
+        heights
+    )
 
 
 def test_what_moves_the_surface_moves_the_pressure_and_no_more():
     heights = rough()
     reference = solve(heights)
-    for move in (lambda a: np.roll(a, (5, -9), (0, 1)), np.rot90, np.flipud, np.transpose):
+    for move in (
+        lambda a: np.roll(a, (5, -9), (0, 1)),
+        np.rot90,
+        np.flipud,
+        np.transpose,
+    ):
         moved = solve(np.ascontiguousarray(move(heights))).fields["pressure"]
         assert np.abs(moved - move(reference.fields["pressure"])).max() < 1e-6 * E
     # A datum of 0.25 m costs the heights themselves 3e-17 m of 2e-6 m.
@@ -88,7 +109,9 @@ def test_what_moves_the_surface_moves_the_pressure_and_no_more():
     for length, slope, stress in ((1e3, 1.0, 1e-6), (1.0, 1e-3, 1e-3)):
         surface = Surface(heights * length * slope, (PERIOD * length,) * 2)
         material = Material(E * stress / slope, 0.0, HARDNESS * stress)
-        scaled = bem.solve(Scene(surface, material, Load(LOAD * stress)), tolerance=1e-9)
+        scaled = bem.solve(
+            Scene(surface, material, Load(LOAD * stress)), tolerance=1e-9
+        )
         difference = scaled.fields["pressure"] / stress - reference.fields["pressure"]
         assert np.abs(difference).max() < 1e-6 * E
 
@@ -96,7 +119,9 @@ def test_what_moves_the_surface_moves_the_pressure_and_no_more():
 def test_a_cap_that_is_not_reached_and_any_start_change_nothing():
     heights = rough()
     elastic = solve(heights, hardness=math.inf)
-    require_same(elastic, solve(heights, hardness=10 * elastic.fields["pressure"].max()))
+    require_same(
+        elastic, solve(heights, hardness=10 * elastic.fields["pressure"].max())
+    )
     reference, rng = solve(heights), np.random.default_rng(3)
     spikes = np.where(rng.random(heights.shape) > 0.9, 1e9 * E, -1.0)
     for start in (np.zeros_like(heights), rng.random(heights.shape) * E, spikes):
@@ -104,11 +129,15 @@ def test_a_cap_that_is_not_reached_and_any_start_change_nothing():
 
 
 def test_same_call_same_bits_whatever_the_threads():
-    """The grid is large enough for the transforms' library to use threads of its own."""
+    """The grid is large enough for the transforms' library to use threads of its
+    own.
+    """
     heights = rough((600, 1000))
     first, again, parallel = solve(heights), solve(heights), solve(heights, threads=2)
     for other in (again, parallel):
-        np.testing.assert_array_equal(first.fields["pressure"], other.fields["pressure"])
+        np.testing.assert_array_equal(
+            first.fields["pressure"], other.fields["pressure"]
+        )
         assert first.final.residuals == other.final.residuals
 
 
@@ -121,10 +150,13 @@ def test_classic_methods_find_the_same_minimum(method, hardness, shape):
     other = bem.solve(problem, threads=1, tolerance=1e-7, method=method)
     assert other.provenance.options["method"] == method
     assert max(other.final.residuals.values()) <= 1e-7
-    # A gap error of 1e-7 h_rms is worth E* pi/(2 dx) 1e-7 h_rms = 3e-7 E* of pressure at most.
+    # A gap error of 1e-7 h_rms is worth E* pi/(2 dx) 1e-7 h_rms = 3e-7 E* of pressure
+    # at most.
     require_same(other, newton)
     assert other.final.areas["raw"] == newton.final.areas["raw"]
-    with pytest.raises(NotConverged, match=f"{method} did not reach 1e-08 in 4 steps") as caught:
+    with pytest.raises(
+        NotConverged, match=f"{method} did not reach 1e-08 in 4 steps"
+    ) as caught:
         bem.solve(problem, threads=1, method=method, max_steps=4)
     assert len(caught.value.history) == 5
 
@@ -144,7 +176,9 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
 
 
 def require_solved(heights, load, hardness=math.inf, body=None, nu=0.0, periods=None):
-    """The residuals again, from the fields, with the largest count that the map has shown."""
+    """The residuals again, from the fields, with the largest count that the map has
+    shown.
+    """
     periods = periods or tuple(PERIOD * n / max(heights.shape) for n in heights.shape)
     result = bem.solve(scene(heights, load, hardness, body, periods, nu), threads=1)
     assert max(result.final.residuals.values()) <= 1e-8
@@ -158,16 +192,39 @@ def noise(shape):
     return np.random.default_rng(1).standard_normal(shape) * PERIOD / 1000
 
 
-#: Heights, load, hardness, periods, most pairs and equivalent pairs; the numbers measured.
+#: Heights, load, hardness, periods, most pairs and equivalent pairs; the numbers
+#: measured.
 AWKWARD = {
-    "four points a wave": (rough((512, 512)), 0.05, 0.6, None, 11, 28),  # 7 to 9, 16 to 25
+    "four points a wave": (
+        rough((512, 512)),
+        0.05,
+        0.6,
+        None,
+        11,
+        28,
+    ),  # 7 to 9, 16 to 25
     "many points a wave": (rough((256, 256), points=16), 0.05, 0.6, None, 11, 28),
     "odd": (rough((243, 243)), 0.05, 0.6, None, 12, 40),  # 9
-    "full": (rough((256, 256)), 1.5, math.inf, None, 15, 40),  # 8, 99.9 % of the points elastic
+    "full": (
+        rough((256, 256)),
+        1.5,
+        math.inf,
+        None,
+        15,
+        40,
+    ),  # 8, 99.9 % of the points elastic
     "line": (rough((20011,)), 0.05, 0.6, None, 45, math.inf),
-    # They took 415 where a direction of fewer than 64 points had no cells; 60 to 90 since.
+    # They took 415 where a direction of fewer than 64 points had no cells; 60 to 90
+    # since.
     "thin": (rough((1024, 1024))[:32], 0.05, 0.6, None, math.inf, 130),
-    "rows far apart": (rough((256, 256), 5, 16), 0.01, 0.6, (10 * PERIOD, PERIOD), 20, 1000),
+    "rows far apart": (
+        rough((256, 256), 5, 16),
+        0.01,
+        0.6,
+        (10 * PERIOD, PERIOD),
+        20,
+        1000,
+    ),
     "noise": (noise((256, 256)), 0.5, math.inf, None, 15, 1000),  # 10
 }
 
@@ -183,8 +240,9 @@ def test_few_transforms_whatever_the_roughness_the_grid_and_the_load(name):
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", PERIOD / 25600)])
 @pytest.mark.parametrize("hardness", [1e-3, 1e-6])
 def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
-    """Almost all points lie on a bound: they once traded places through two elastic ones, a
-    hundred steps long, the more the finer the grid."""
+    """Almost all points lie on a bound: they once traded places through two elastic
+    ones, a hundred steps long, the more the finer the grid.
+    """
     for share in (0.01, 0.3, 0.7):
         heights = rough((256, 256), 3, 2.2)
         result = require_solved(heights, share * hardness * E, hardness * E, body, 0.3)
@@ -211,10 +269,24 @@ def surfaces(shape):
 
 def rms_slope(heights):
     steps = [np.roll(heights, -1, axis) - heights for axis in range(heights.ndim)]
-    return max(math.sqrt(np.mean(np.square(steps).sum(axis=0))) * max(heights.shape) / PERIOD, 1e-3)
+    return max(
+        math.sqrt(np.mean(np.square(steps).sum(axis=0))) * max(heights.shape) / PERIOD,
+        1e-3,
+    )
 
 
-SHAPES = ((48, 48), (65, 63), (64, 16), (7, 100), (2, 2), (3, 2), (2, 64), (101,), (2,), (512,))
+SHAPES = (
+    (48, 48),
+    (65, 63),
+    (64, 16),
+    (7, 100),
+    (2, 2),
+    (3, 2),
+    (2, 64),
+    (101,),
+    (2,),
+    (512,),
+)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -228,15 +300,19 @@ def test_every_kind_of_surface_and_grid(shape):
 
 
 def test_energy_steps_are_reported_where_newton_fails():
-    """A line of white noise near the middle of its load range makes plain steps overshoot."""
+    """A line of white noise near the middle of its load range makes plain steps
+    overshoot.
+    """
     hardness = 0.3 * rms_slope(noise((512,))) * E
     found = require_solved(noise((512,)), 0.5 * hardness, hardness)
     (note,) = (note for note in found.notes if "raised the energy" in note)
     cut, *counted = map(int, re.findall(r"\d+", note))
     assert counted == [found.final.iterations[name] for name in ("newton", "gradient")]
     assert 0 < cut < counted[0]
-    assert note == (f"{cut} of {counted[0]} Newton steps would have raised the energy and were cut "
-                    f"short; {counted[1]} projected gradient steps followed them.")  # fmt: skip
+    assert note == (
+        f"{cut} of {counted[0]} Newton steps would have raised the energy and were cut "
+        f"short; {counted[1]} projected gradient steps followed them."
+    )
 
 
 @pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])
@@ -247,7 +323,9 @@ def test_any_gradual_compliance_converges(power):
         solution = solve_pressure(rough(seed=3) / PERIOD, q**-power, 0.05, hardness)
         assert solution.counts["fft_pairs"] <= 40
     for steep in (q**-4.0, np.exp(-5 * q)):
-        with pytest.raises(InvalidScene, match=r"falls by a factor of .* along the first axis"):
+        with pytest.raises(
+            InvalidScene, match=r"falls by a factor of .* along the first axis"
+        ):
             solve_pressure(rough(seed=3) / PERIOD, steep, 0.05)
 
 
@@ -259,7 +337,10 @@ def test_any_gradual_compliance_converges(power):
         ({"compliance": np.ones((64, 64))}, "compliance has shape"),
         ({"compliance": -np.ones((64, 33))}, "positive"),
         ({"compliance": np.cumsum(np.ones((64, 33)), axis=0)}, "mirror image"),
-        ({"plastic_displacement": np.full((64, 64), -1e-9)}, "plastic_displacement has shape"),
+        (
+            {"plastic_displacement": np.full((64, 64), -1e-9)},
+            "plastic_displacement has shape",
+        ),
     ],
 )
 def test_wrong_options_are_refused(options, message):
@@ -276,11 +357,15 @@ def test_plain_arrays_steps_and_memory_are_checked(monkeypatch):
         bem.solve(scene(rough()), max_steps=1, threads=1)
     assert caught.value.residuals["gap_elastic"] > 1e-8
     monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 2**27)
-    with pytest.raises(NotEnoughMemory, match=r"2048 x 1024 needs about 0.2 GiB .* 0.1 GiB are"):
+    with pytest.raises(
+        NotEnoughMemory, match=r"2048 x 1024 needs about 0.2 GiB .* 0.1 GiB are"
+    ):
         bem.solve(scene(np.zeros((2048, 1024)), periods=(2.0, 1.0)))
 
 
-@pytest.mark.parametrize(("load", "hardness"), [(0.08, 0.1), (0.3, 3.0), (0.6, math.inf)])
+@pytest.mark.parametrize(
+    ("load", "hardness"), [(0.08, 0.1), (0.3, 3.0), (0.6, math.inf)]
+)
 def test_a_solve_takes_the_memory_that_was_estimated(load, hardness, monkeypatch):
     given = scene(rough((320, 320)), load * E, hardness * E)
     bem.solve(given, threads=1)  # kernels need memory to load
@@ -290,9 +375,15 @@ def test_a_solve_takes_the_memory_that_was_estimated(load, hardness, monkeypatch
     tracemalloc.stop()
     forget_peak()
     held = np.ones(2**24)
-    assert peak_memory() == pytest.approx(psutil.Process().memory_info().rss, rel=0.01), held.size
-    monkeypatch.setattr("pathlib.Path.read_text", lambda *_, **__: "")  # as on other systems
-    assert peak_memory() == pytest.approx(psutil.Process().memory_info().rss, rel=0.01), held.size
+    assert peak_memory() == pytest.approx(
+        psutil.Process().memory_info().rss, rel=0.01
+    ), held.size
+    monkeypatch.setattr(
+        "pathlib.Path.read_text", lambda *_, **__: ""
+    )  # as on other systems
+    assert peak_memory() == pytest.approx(
+        psutil.Process().memory_info().rss, rel=0.01
+    ), held.size
     estimate = bytes_per_point(load * E, hardness * E, E * given.surface.rms_slope)
     assert peak == pytest.approx(estimate, rel=0.12)
 
@@ -303,20 +394,35 @@ def test_a_solve_tells_its_progress_its_options_and_its_cost(monkeypatch):
     q = rfft_wavenumbers(heights.shape, given.surface.periods)
     symbol = surface_compliance(q, given.body, given.material)
     monkeypatch.setattr(driver, "compile_seconds", iter((0.0, 1e6)).__next__)
-    result = bem.solve(given, threads=1, compliance=symbol, on_step=made.append,
-                       progress=lambda *one: told.append(one))  # fmt: skip
+    result = bem.solve(
+        given,
+        threads=1,
+        compliance=symbol,
+        on_step=made.append,
+        progress=lambda *one: told.append(one),
+    )
     words = r"bem: mean pressure (\S+) Pa, (\d+) x (\d+) points, residual (\S+)"
-    for share, sentence in told:  # a grid's own share is that of its points, a quarter of it before
+    for (
+        share,
+        sentence,
+    ) in told:  # a grid's own share is that of its points, a quarter of it before
         load, *numbers = map(float, re.fullmatch(words, sentence).groups())
         settled = min(max(math.log(numbers[2]) / math.log(1e-8), 0.0), 1.0)
         part = numbers[0] * numbers[1] / heights.size * (0.25 + 0.75 * settled)
         assert share == pytest.approx((load != LOAD) / 2 + part / 2, abs=0.005)
     assert {sentence.split(", ")[1] for _, sentence in told} == {
-        "40 x 48 points", "80 x 48 points", "160 x 96 points"
-    }  # fmt: skip
+        "40 x 48 points",
+        "80 x 48 points",
+        "160 x 96 points",
+    }
     assert [each.steps for each in made] == [result.steps[:1], result.steps]
     assert result.provenance.options["compliance"] == "given"
-    assert result.cost["seconds"] == pytest.approx(-1e6, rel=1e-3)  # less those of compilation
+    assert result.cost["seconds"] == pytest.approx(
+        -1e6, rel=1e-3
+    )  # less those of compilation
     last = result.final
-    assert (last.iterations["levels"], len(result.history)) == (3, last.iterations["newton"] + 1)
+    assert (last.iterations["levels"], len(result.history)) == (
+        3,
+        last.iterations["newton"] + 1,
+    )
     assert result.history[-1] == pytest.approx(max(last.residuals.values()), rel=1e-6)

@@ -1,4 +1,6 @@
-"""The block for other codes, and CalculiX's answer on it, where its program is installed."""
+"""The block for other codes, and CalculiX's answer on it, where its program is
+installed.
+"""
 
 import shutil
 from dataclasses import replace
@@ -22,7 +24,9 @@ from epcontact.harness.methods import calculix
 from epcontact.scene import Load
 from fem_check.driver import FemOptions, mesh_of, problem_of
 
-needs_ccx = pytest.mark.skipif(not shutil.which("ccx"), reason="there is no program ccx")
+needs_ccx = pytest.mark.skipif(
+    not shutil.which("ccx"), reason="there is no program ccx"
+)
 
 
 def elastic_scene(slope=0.05):
@@ -30,7 +34,8 @@ def elastic_scene(slope=0.05):
     return replace(scene, material=replace(scene.material, hardness=np.inf))
 
 
-# The block for other codes -------------------------------------------------------------------
+# The block for other codes
+# -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("end", ["vtu", "vtk", "msh", "med"])
@@ -47,13 +52,19 @@ def test_the_exported_block_is_the_one_that_is_solved(tmp_path, end):
             np.testing.assert_array_equal(seen[name], mesh.point_data[name])
     top = mesh.point_data["top"] == 1
     assert (mesh.points[top, 2] == 0).all()
-    assert (mesh.points[mesh.point_data["base"] == 1, 2] == mesh.points[:, 2].min()).all()
+    assert (
+        mesh.points[mesh.point_data["base"] == 1, 2] == mesh.points[:, 2].min()
+    ).all()
     assert not mesh.point_data["gap"][~top].any()
     assert mesh.point_data["gap"][top].min() == 0 < mesh.point_data["gap"].max()
-    assert f"{len(mesh.points)} nodes and {len(mesh.cells[0].data)} bricks" in done.stdout
+    assert (
+        f"{len(mesh.points)} nodes and {len(mesh.cells[0].data)} bricks" in done.stdout
+    )
 
 
-@pytest.mark.parametrize(("end", "says"), [("stl", "must end in .inp"), ("inp", "laws elastic")])
+@pytest.mark.parametrize(
+    ("end", "says"), [("stl", "must end in .inp"), ("inp", "laws elastic")]
+)
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(tmp_path, end, says):
     done = invoke("export", "fem-capped", tmp_path / f"block.{end}")
     assert (done.returncode, *tmp_path.iterdir()) == (2,)
@@ -65,7 +76,9 @@ def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
     problem = problem_of(scene, FemOptions(law="elastic"), 1)
     mesh = mesh_of(problem, reference=True)
     gap = mesh.point_data["gap"].reshape(-1, 9, 9)[0, :-1, :-1]
-    np.testing.assert_allclose(gap, scene.surface.heights.max() - scene.surface.heights, atol=1e-18)
+    np.testing.assert_allclose(
+        gap, scene.surface.heights.max() - scene.surface.heights, atol=1e-18
+    )
     lines = calculix.deck(problem, scene, FemOptions(law="elastic")).splitlines()
     file = tmp_path / "mesh.inp"  # what other programs know of it, which have no GAPUNI
     file.write_text("\n".join(lines[: lines.index("*NODE, NSET=flat")]))
@@ -73,9 +86,13 @@ def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
     data = [line for line in lines[3:] if not line.startswith("*")]
     assert max(len(word.strip()) for line in data for word in line.split(",")) <= 20
     whole = lines[lines.index("*NODE, NSET=whole") + 1]
-    assert float(whole.split(",")[3]) == 2 / 8  # so near that a viewer shows the block, too
+    assert (
+        float(whole.split(",")[3]) == 2 / 8
+    )  # so near that a viewer shows the block, too
     cards = [lines[n + 1] for n, line in enumerate(lines) if line.startswith("*GAP")]
-    np.testing.assert_allclose([float(c.split(",")[0]) for c in cards], gap.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(
+        [float(c.split(",")[0]) for c in cards], gap.ravel(), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,14 +119,19 @@ def test_a_program_that_fails_is_told(tmp_path, monkeypatch):
         calculix.solve(elastic_scene(), {"law": "elastic"})
 
 
-# Its answer ----------------------------------------------------------------------------------
+# Its answer
+# ----------------------------------------------------------------------------------
 
 
 def plain_pressures(scene):
-    """The contact pressures by scikit-fem's linear elasticity, without anything against locking."""
+    """The contact pressures by scikit-fem's linear elasticity, without anything against
+    locking.
+    """
     problem = problem_of(scene, FemOptions(law="elastic"), 1)
     (nx, ny), nz = problem.block.shape, len(problem.block.layers)
-    basis = Basis(from_meshio(mesh_of(problem, reference=True)), ElementVector(ElementHex1()))
+    basis = Basis(
+        from_meshio(mesh_of(problem, reference=True)), ElementVector(ElementHex1())
+    )
     moduli = lame_parameters(scene.material.young_modulus, scene.material.poisson_ratio)
     node = np.arange((nz + 1) * nx * ny).reshape(nz + 1, nx, ny)
     node = np.pad(node, [(0, 0), (0, 1), (0, 1)], mode="wrap").ravel()
@@ -126,7 +148,9 @@ def plain_pressures(scene):
     for _ in range(50):  # an active set, all of it solved each time
         inside = np.flatnonzero(touching)
         one = np.ones((inside.size, 1))
-        matrix = np.block([[compliance[np.ix_(inside, inside)], -one], [one.T, np.zeros((1, 1))]])
+        matrix = np.block(
+            [[compliance[np.ix_(inside, inside)], -one], [one.T, np.zeros((1, 1))]]
+        )
         area = problem.block.node_area
         found = np.linalg.solve(matrix, np.append(heights[inside], load * area))
         force = np.zeros(heights.size)
@@ -141,17 +165,23 @@ def plain_pressures(scene):
 
 @needs_ccx
 def test_calculix_has_the_pressures_of_a_plain_assembly_in_the_limit_of_small_slopes():
-    """What is left falls as the slope, and then is the springs' part, which falls as they yield."""
+    """What is left falls as the slope, and then is the springs' part, which falls as
+    they yield.
+    """
     left = []
     for slope in (0.05, 0.005, 0.0005):
         scene = elastic_scene(slope)
-        found = calculix.solve(scene, {"law": "elastic"}, element="C3D8").fields["pressure"]
+        found = calculix.solve(scene, {"law": "elastic"}, element="C3D8").fields[
+            "pressure"
+        ]
         plain = plain_pressures(scene)
         left.append(np.abs(found - plain).sum() / plain.sum())
     assert left[0] < 0.04  # measured .030, .0032 and .00062
     assert left[1] < 0.15 * left[0]
     assert left[2] < 1e-3
-    soft = calculix.solve(scene, {"law": "elastic"}, element="C3D8", penalty=calculix.PENALTY / 10)
+    soft = calculix.solve(
+        scene, {"law": "elastic"}, element="C3D8", penalty=calculix.PENALTY / 10
+    )
     assert left[2] < 0.2 * np.abs(soft.fields["pressure"] - plain).sum() / plain.sum()
 
 
@@ -163,7 +193,9 @@ def test_a_path_has_a_step_for_each_load_and_flow_is_read():
     alone = calculix.solve(scene, {"law": "j2", "steps": 8})
     assert [step.mean_pressure for step in path.steps] == [0.025, 0.05]
     assert path.steps[0].areas["raw"].total < path.steps[1].areas["raw"].total
-    np.testing.assert_allclose(path.fields["pressure"], alone.fields["pressure"], rtol=2e-3)
+    np.testing.assert_allclose(
+        path.fields["pressure"], alone.fields["pressure"], rtol=2e-3
+    )
     assert path.final.areas["raw"].plastic == path.final.areas["raw"].total > 0
     assert path.final.residuals["force"] < 1e-5
 

@@ -1,4 +1,6 @@
-"""Case files: what is read is what was written, by size, by variant and with its default gates."""
+"""Case files: what is read is what was written, by size, by variant and with its
+default gates.
+"""
 
 import math
 import re
@@ -9,7 +11,12 @@ from command_line import invoke
 from conftest import ROUGH, VARIANTS
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
+from epcontact.harness.case_files.case import (
+    find_case,
+    find_cases,
+    find_named,
+    load_case,
+)
 from epcontact.harness.case_files.citations import PAPERS, papers_of, sources_of
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -23,11 +30,17 @@ def test_case_becomes_scenes(write_case):
     assert [recipe.seed for recipe in case.recipes] == [3, 5, 7]
     assert (case.recipes[0].shape, case.material.hardness) == ((64, 64), 6.0e9)
     assert case.options == {
-        "persson": {"energy_reduction": 0.536, "reduction": "constant", "spectrum": "analytic"},
+        "persson": {
+            "energy_reduction": 0.536,
+            "reduction": "constant",
+            "spectrum": "analytic",
+        },
         "bem": {"tolerance": 1e-8},
     }
     # The digest is known before the surface is made.
-    assert all(case.digest(recipe) == case.scene(recipe).digest for recipe in case.recipes)
+    assert all(
+        case.digest(recipe) == case.scene(recipe).digest for recipe in case.recipes
+    )
     assert len({case.digest(recipe) for recipe in case.recipes}) == 3
     assert load_case(write_case(("hardness = 6.0e9", ""))).material.hardness == math.inf
     other = case.changed(methods=("bem",), id="other")
@@ -36,7 +49,9 @@ def test_case_becomes_scenes(write_case):
         case.changed(method="bem")
 
 
-NO_GAP = '[[omit]]\nquantity = "quantity.measured_gap"\nof = "bem"\nbecause = "It is so."\n'
+NO_GAP = (
+    '[[omit]]\nquantity = "quantity.measured_gap"\nof = "bem"\nbecause = "It is so."\n'
+)
 
 
 def bands(case):
@@ -50,10 +65,16 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case):
     own, gap = ("bem", "area.total.corrected"), ("bem", "quantity.measured_gap")
     before = bands(load_case(write_case()))
     assert (before[gap], set(before)) == (1e-7, names | {own})
-    # A gate of the case on the same quantity replaces one, and a table [[omit]] removes one.
-    number = ('"persson"\ntolerance', '0.0\nsource = "a test"\nnorm = "absolute"\ntolerance')
+    # A gate of the case on the same quantity replaces one, and a table [[omit]] removes
+    # one.
+    number = (
+        '"persson"\ntolerance',
+        '0.0\nsource = "a test"\nnorm = "absolute"\ntolerance',
+    )
     case = load_case(write_case((own[1], gap[1]), number))
-    assert bands(case) == {key: band for key, band in before.items() if key != own} | {gap: 0.5}
+    assert bands(case) == {key: band for key, band in before.items() if key != own} | {
+        gap: 0.5
+    }
     case = load_case(write_case(more=NO_GAP))
     assert bands(case) == {key: band for key, band in before.items() if key != gap}
     (told,) = case.not_judged
@@ -63,12 +84,18 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case):
 
 def test_variants_are_laid_over_the_rest_of_the_file(write_case):
     soft, stiff = (load_case(text) for text in find_named(write_case(more=VARIANTS)))
-    assert (soft.id, stiff.id, stiff.head.requirement) == ("soft", "stiff", "A stiff one.")
+    assert (soft.id, stiff.id, stiff.head.requirement) == (
+        "soft",
+        "stiff",
+        "A stiff one.",
+    )
     assert (soft.material.young_modulus, stiff.material.young_modulus) == (50e9, 100e9)
     assert soft.material.hardness == stiff.material.hardness == 6e9
     assert [gate.high for gate in stiff.gates[:2]] == [0.1, 2]
     assert (soft.gates[0].high, stiff.gates[0].because) == (0.5, "It is stiff.")
-    with pytest.raises(InvalidCase, match="holds 2 cases; name one of them: soft, stiff"):
+    with pytest.raises(
+        InvalidCase, match="holds 2 cases; name one of them: soft, stiff"
+    ):
         load_case(write_case(more=VARIANTS))
 
 
@@ -77,7 +104,8 @@ def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch
     assert len(find_named("fem-model")) == 9
     with pytest.raises(InvalidCase, match="did you mean 'fem-model-50-nu0'"):
         find_case("fem-modl-50-nu0")
-    # A folder of own cases does not hide those of the package, nor one of results a case.
+    # A folder of own cases does not hide those of the package, nor one of results a
+    # case.
     for folder in ("cases", "paper-elastic", "other"):
         (tmp_path / folder).mkdir()
     write_case().rename(tmp_path / "cases" / "mine.toml")
@@ -106,26 +134,49 @@ COUNTERFACE = "\n[counterface]\nyoung_modulus = 100.0e9\npoisson_ratio = 0.3\n"
 
 
 def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
-    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) the rms slope."""
+    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) the rms
+    slope.
+    """
     alone, twin = (load_case(write_case(more=m)) for m in ("", COUNTERFACE))
     half = replace(twin.material, young_modulus=2 * twin.material.young_modulus)
     assert half.young_modulus == pytest.approx(alone.material.young_modulus, rel=1e-15)
     assert replace(half, young_modulus=100e9) == alone.material
     assert twin.recipes == alone.recipes
-    rough = COUNTERFACE + "[counterface.surface]\n" + ROUGH.replace("seeds = [3", "seeds = [13")
-    spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
+    rough = (
+        COUNTERFACE
+        + "[counterface.surface]\n"
+        + ROUGH.replace("seeds = [3", "seeds = [13")
+    )
+    spectrum = (
+        "energy_reduction = 0.536",
+        'energy_reduction = 0.536\nspectrum = "surface"',
+    )
     both = load_case(write_case(spectrum, more=rough))
     surface = both.scene(both.recipes[0]).surface
-    each = (recipe.build().rms_slope for recipe in (both.recipes[0].first, both.recipes[0].second))
+    each = (
+        recipe.build().rms_slope
+        for recipe in (both.recipes[0].first, both.recipes[0].second)
+    )
     assert surface.rms_slope == pytest.approx(math.hypot(*each), rel=0.1)
     assert both.digest(both.recipes[0]) == both.scene(both.recipes[0]).digest
-    assert "rough elastic half-space, E = 1e+11 Pa" in both.two_bodies["counterface"]["value"]
+    assert (
+        "rough elastic half-space, E = 1e+11 Pa"
+        in both.two_bodies["counterface"]["value"]
+    )
     coarse = rough.replace("period = 1", "period = 2")
     for edits, more, words in (
         ((), rough, "drawn from none; write spectrum = 'surface'"),
         ((spectrum,), coarse, "face each other on one grid"),
-        ((), COUNTERFACE + '\n[body]\nkind = "bonded_layer"\ndepth = 1e-3\n', "is a half-space"),
-        ((), COUNTERFACE.replace("young", "yuong"), "counterface.yuong_modulus is no key"),
+        (
+            (),
+            COUNTERFACE + '\n[body]\nkind = "bonded_layer"\ndepth = 1e-3\n',
+            "is a half-space",
+        ),
+        (
+            (),
+            COUNTERFACE.replace("young", "yuong"),
+            "counterface.yuong_modulus is no key",
+        ),
     ):
         with pytest.raises(InvalidCase, match=words):
             load_case(write_case(*edits, more=more))
@@ -137,5 +188,7 @@ def test_a_citation_holds_sources_papers_and_versions(write_case):
     (more,) = set(papers_of(other)) - set(papers_of(plain))  # of the option
     assert str(more).endswith("https://doi.org/10.1007/s11249-017-0886-9")
     done, case = invoke("cite", "westergaard-light"), load_case("westergaard-light")
-    assert all(f"  {text}\n" in done.stdout for text in (*sources_of(case), *papers_of(case)))
+    assert all(
+        f"  {text}\n" in done.stdout for text in (*sources_of(case), *papers_of(case))
+    )
     assert re.search(r"  numpy \d+\.\d+.* https://doi.org/10\.", done.stdout)

@@ -1,4 +1,6 @@
-"""The command line as its user meets it: verdicts, exit codes, one sentence for every mistake."""
+"""The command line as its user meets it: verdicts, exit codes, one sentence for every
+mistake.
+"""
 
 import json
 import os
@@ -50,11 +52,14 @@ def refused(done, *words):
     assert all(word in done.stderr for word in words), done.stderr
 
 
-# --- what there is -------------------------------------------------------------------------------
+# --- what there is
+# -------------------------------------------------------------------------------
 
 
 def test_schemas_and_commands_are_listed():
-    assert all("$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict"))
+    assert all(
+        "$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict")
+    )
     listed = " ".join(invoke("--help").stdout.split())
     for name in COMMANDS:
         command = cli.get_command(click.Context(cli), name)
@@ -63,7 +68,9 @@ def test_schemas_and_commands_are_listed():
 
 
 def test_an_output_without_greek_letters_shows_a_question_mark():
-    done = python("-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"})
+    done = python(
+        "-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"}
+    )
     assert done.returncode == 0, done.stderr
     assert "at E*?/?_Y = 5" in done.stdout
 
@@ -80,7 +87,9 @@ def test_lists_load_no_solver(argument):
 
 
 @pytest.mark.parametrize("width", [80, 200])
-def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(width, monkeypatch):
+def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
+    width, monkeypatch
+):
     monkeypatch.setattr(listing, "open_console", lambda: Console(width=width))
     left_out = "not in a bare verify"
 
@@ -99,27 +108,46 @@ def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(wi
         verified = sum(case.id in run for case in cases if case_name(case.path) == name)
         few = re.search(r"(\d+) of (\d+) in a bare", row)
         told = int(few[1]) if few else 0 if left_out in row else counts[name]
-        assert (told, f"{counts[name]} cases" in row) == (verified, counts[name] > 1), row
+        assert (told, f"{counts[name]} cases" in row) == (verified, counts[name] > 1), (
+            row
+        )
 
 
-# --- run and verify ------------------------------------------------------------------------------
+# --- run and verify
+# ------------------------------------------------------------------------------
 
 
-def test_verify_holds_or_falls_short_and_writes_the_verdict(write_case, tmp_path, monkeypatch):
+def test_verify_holds_or_falls_short_and_writes_the_verdict(
+    write_case, tmp_path, monkeypatch
+):
     out = tmp_path / "with space"
     done = invoke("verify", write_case(), "--output", out, "--jobs", 2)
     assert done.returncode == 0, done
     verdict = json.loads((out / "verdict.json").read_text())
     gate, *defaults = verdict["cases"][0]["gates"]
-    assert (verdict["passed"], gate["status"], gate["value"]["surfaces"]) == (True, "holds", 3)
+    assert (verdict["passed"], gate["status"], gate["value"]["surfaces"]) == (
+        True,
+        "holds",
+        3,
+    )
     suite = ET.parse(out / "junit.xml").getroot()
-    assert (suite.attrib["tests"], suite.attrib["failures"]) == (str(1 + len(defaults)), "0")
+    assert (suite.attrib["tests"], suite.attrib["failures"]) == (
+        str(1 + len(defaults)),
+        "0",
+    )
     narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"), more=OMITTED)
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
-    assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (1, True)
+    assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (
+        1,
+        True,
+    )
     monkeypatch.setenv("FORCE_COLOR", "1")  # a terminal: the cases above the bar
-    live = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--fresh").stderr
-    assert re.search(r"small +falls short +\d", re.sub(r"\x1b\[[^a-zA-Z]*[a-zA-Z]", "", live))
+    live = invoke(
+        "verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--fresh"
+    ).stderr
+    assert re.search(
+        r"small +falls short +\d", re.sub(r"\x1b\[[^a-zA-Z]*[a-zA-Z]", "", live)
+    )
     assert ET.parse(out / "junit.xml").getroot().attrib["failures"] == "1"
 
 
@@ -130,7 +158,9 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path):
     assert done.returncode == 0, done
     assert done.stdout.count("the rms slope is 1.1, beyond the small slopes") == 1
     summary = json.loads((folder / "bem.json").read_text())
-    assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(summary["cost"])
+    assert {"seconds", "fft_pairs", "unknowns", "peak_memory_bytes"} <= set(
+        summary["cost"]
+    )
     assert [*folder.glob("*.vti")] == [folder / "bem-seed3.vti"]
     assert not (folder / "persson.json").exists()
     assert "(reused)" not in done.stderr
@@ -154,7 +184,11 @@ def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
     (tmp_path / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
     plugin = ("-p", "epcontact.harness.pytest_plugin")
     done = python("-m", "pytest", "-q", *plugin, "cases", cwd=tmp_path)
-    assert (done.returncode, missing in done.stdout, "Traceback" in done.stdout) == (2, True, False)
+    assert (done.returncode, missing in done.stdout, "Traceback" in done.stdout) == (
+        2,
+        True,
+        False,
+    )
     path.write_text(path.read_text().replace("[case]", "[case]\nverify = false"))
     assert "no gate" not in invoke("verify").stderr
 
@@ -170,7 +204,9 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     def reused(fields, precision="single"):
         notes.clear()
         told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
-        run_cases([case], Run(tmp_path, 1, fields=fields, precision=precision, progress=told))
+        run_cases(
+            [case], Run(tmp_path, 1, fields=fields, precision=precision, progress=told)
+        )
         return sum(notes)
 
     assert [reused("first", "double"), reused("first", "single")] == [0, 2]
@@ -181,10 +217,15 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     assert [reused("steps"), reused("steps"), reused("first")] == [0, 2, 2]
     doubled = tasks_of(case, Run(tmp_path, fields="first", precision="double"))
     assert [kept(task, tmp_path) for task in doubled] == [None, None]
-    loads = [read_fields(step) for step in load_steps(folder / "bem-seed3-steps" / "path.pvd")]
+    loads = [
+        read_fields(step)
+        for step in load_steps(folder / "bem-seed3-steps" / "path.pvd")
+    ]
     assert [load.attributes["mean_pressure"] for load in loads] == [2e8, 5e8]
     last = read_fields(folder / "bem-seed3.vti").fields
-    assert all(np.array_equal(loads[1].fields[name], field) for name, field in last.items())
+    assert all(
+        np.array_equal(loads[1].fields[name], field) for name, field in last.items()
+    )
     bodies = load_steps(folder / "fem-seed3-steps" / "path.pvd")
     assert [body.name for body in bodies] == ["step-0000.vtu", "step-0001.vtu"]
     bodies[0].parent.joinpath("path.pvd").unlink()
@@ -196,7 +237,10 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
 
 def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     recipe = 'kind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\n'
-    edits = (("= 0.536", '= 0.536\nspectrum = "surface"'), ("tolerance = 0.5", "tolerance = 50.0"))
+    edits = (
+        ("= 0.536", '= 0.536\nspectrum = "surface"'),
+        ("tolerance = 0.5", "tolerance = 50.0"),
+    )
 
     def verified(lines):
         path = write_case(*edits, (ROUGH, recipe + lines))
@@ -212,10 +256,14 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
         refused(done, "small.toml: skipped: its surface ", "map.csv is not here")
     case, said = load_auto(find_case(str(optional)))
     assert (case.size, case.skip[:8], said) == ("full", "skipped:", "")
-    np.savetxt(tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";")
+    np.savetxt(
+        tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";"
+    )
     done = verified('unit = 1e-6\ntreatment = "mirrored"')
     assert done.returncode == 2
-    assert done.stdout.count("8 of 64 heights are NaN") == 2  # of one method, and of both
+    assert (
+        done.stdout.count("8 of 64 heights are NaN") == 2
+    )  # of one method, and of both
     refused(verified(""), "map.csv", "give unit = 1e-6")
 
 
@@ -223,9 +271,14 @@ def test_a_plane_is_flat_and_every_gate_holds(write_case, tmp_path):
     x, y = np.meshgrid(np.arange(16), np.arange(12), indexing="ij")
     np.save(tmp_path / "plane.npy", 0.1 + 0.3 * x - 0.7 * y)
     recipe = 'kind = "file"\npath = "plane.npy"\nunit = 1e-6\npixel_size = 1e-6\n'
-    edits = (('"persson", "bem"', '"bem"'), ('"persson"', '1.0\nsource = "a flat touches"'))
+    edits = (
+        ('"persson", "bem"', '"bem"'),
+        ('"persson"', '1.0\nsource = "a flat touches"'),
+    )
     for treatment in ("mirrored", "periodic"):
-        path = write_case((ROUGH, f'{recipe}form = 1\ntreatment = "{treatment}"'), *edits)
+        path = write_case(
+            (ROUGH, f'{recipe}form = 1\ntreatment = "{treatment}"'), *edits
+        )
         done = invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
         assert done.returncode == 0, done
         assert "the surface is flat" in done.stdout
@@ -239,19 +292,24 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
         console = Console(width=width)
         console.print(verdict_table([outcome], console.width))
         console.print(answers_table(answers, width))
-        print_rows(console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)])
+        print_rows(
+            console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)]
+        )
         shown = capsys.readouterr().out
         assert max(map(len, shown.splitlines())) <= width
         assert f"{100 * gate.difference.mean:+.2f} %" in shown
         assert "+11.11110 %" in shown  # with the digits that tell the ends apart
         assert "+11.11112 %" in shown
         assert "area.total.corrected" in shown
-        assert f"{answers['bem'].results[0].final.areas['corrected'].plastic:.4g}" in shown
+        assert (
+            f"{answers['bem'].results[0].final.areas['corrected'].plastic:.4g}" in shown
+        )
         assert shown.count("…") == 1  # of the band; no figure is cut off
         assert shown.count("[m]") == 20
 
 
-# --- mistakes, interrupts and closed doors -------------------------------------------------------
+# --- mistakes, interrupts and closed doors
+# -------------------------------------------------------
 
 LONG = 300 * "x"
 
@@ -263,14 +321,23 @@ LONG = 300 * "x"
         ("run no-such-case", "no case is called"),
         ("run", "CASE"),
         ("verify --jobs 0", "--jobs"),
-        ("verify small", "no case is called 'small'; did you mean the file small.toml?"),
+        (
+            "verify small",
+            "no case is called 'small'; did you mean the file small.toml?",
+        ),
         ("run small.toml --size large", "no size 'large'"),
         ("run small.toml --method fem", "no method fem"),
         ("verify small.toml --output small.toml/out", "small.toml"),
         ("crosscheck small.toml", "cross-check needs both"),
         ("crosscheck small.toml --seeds=9-3", "no range of at most 10000 seeds"),
-        (f"crosscheck small.toml --seeds=1-{'9' * 5000}", "no range of at most 10000 seeds"),
-        ("plan small.toml --tolerance little", "--tolerance is 'little', .* such as 1%"),
+        (
+            f"crosscheck small.toml --seeds=1-{'9' * 5000}",
+            "no range of at most 10000 seeds",
+        ),
+        (
+            "plan small.toml --tolerance little",
+            "--tolerance is 'little', .* such as 1%",
+        ),
         ("chart gama", "gamma"),
         ("hardness", "Missing option '--yield-stress' (see epcontact hardness --help)"),
         (f"view {LONG}", f"cannot open {LONG}: file name too long"),
@@ -286,20 +353,27 @@ def test_mistake_on_the_command_line(write_case, monkeypatch, arguments, words):
 @pytest.mark.parametrize(
     ("how", "waits"),
     [
-        # Workers take a second to import what they need; that is when impatient users interrupt.
+        # Workers take a second to import what they need; that is when impatient users
+        # interrupt.
         (signal.SIGINT, "a worker"),
         pytest.param(signal.SIGTERM, "a result", marks=pytest.mark.slow),
     ],
 )
 def test_interrupt_is_clean(write_case, tmp_path, how, waits):
-    grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [128, 128]")
+    grid = (
+        "points_per_shortest_wavelength = { fast = 4, full = 8 }",
+        "shape = [128, 128]",
+    )
     case, out = write_case(grid, ("[3, 5, 7]", str(list(range(200))))), tmp_path / "out"
     process = subprocess.Popen(
         [*COMMAND, "verify", case, "--jobs", "2", "--output", out],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         # Tests that run in the background may ignore Ctrl-C, and a child inherits that.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
-    )  # fmt: skip
+    )
     for _ in range(2000):
         children = psutil.Process(process.pid).children()
         if [*out.rglob("bem-*.json")] if waits == "a result" else children:
@@ -308,7 +382,10 @@ def test_interrupt_is_clean(write_case, tmp_path, how, waits):
     os.killpg(process.pid, how)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert stderr.splitlines()[-1] == "epcontact: interrupted; results finished so far are kept"
+    assert (
+        stderr.splitlines()[-1]
+        == "epcontact: interrupted; results finished so far are kept"
+    )
     assert "Traceback" not in stderr
     assert not (out / "verdict.json").exists()
     for member in out.rglob("*.json"):
@@ -325,7 +402,9 @@ def test_interrupt_while_a_module_is_half_loaded(monkeypatch):
 FULL = "epcontact: cannot write the output: no space left on device"
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is full")
+@pytest.mark.skipif(
+    not os.path.exists("/dev/full"), reason="needs a device that is full"
+)
 @pytest.mark.parametrize(  # by rich, by click, when the verdict is there, and a full disk
     ("words", "code", "says"),
     [
@@ -341,12 +420,18 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
     with open("/dev/full" if says else out, "wb") as full:
         done = subprocess.run(
             [*COMMAND, *words.split()],
-            check=False, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            check=False,
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
     told = [line for line in done.stderr.splitlines() if "epcontact:" in line]
     for shut in (">&- <&-", "2>&- <&-", "2>/dev/full"):
         line = ["sh", "-c", f'exec "$@" {shut}', "sh", *COMMAND, *words.split()]
-        closed = subprocess.run(line, check=False, cwd=tmp_path, capture_output=True, text=True)
+        closed = subprocess.run(
+            line, check=False, cwd=tmp_path, capture_output=True, text=True
+        )
         assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)
     assert (done.returncode, told) == (code, [says] if says else [])
 
@@ -360,7 +445,9 @@ def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
 
 @pytest.mark.parametrize("first", [1.0, 60.0])
 def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first):
-    """Of 20 reused answers and 100 solves of a second each, the first of which compiles."""
+    """Of 20 reused answers and 100 solves of a second each, the first of which
+    compiles.
+    """
     clock = [0.0]
     monkeypatch.setattr("rich.console.monotonic", lambda: clock[0])
     with shown_progress(Run()) as run:
@@ -368,7 +455,11 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first)
             reused = done <= 20
             clock[0] += 0.001 if reused else first if done == 21 else 1.0
             run.progress(done, 120, "x" + " (reused)" * reused)
-    told = re.findall(r"\[(\d+)/120\] x \(about (\d+):(\d+):(\d+) left\)", capsys.readouterr().err)
+    told = re.findall(
+        r"\[(\d+)/120\] x \(about (\d+):(\d+):(\d+) left\)", capsys.readouterr().err
+    )
     left = {int(n): 3600 * int(h) + 60 * int(m) + int(s) for n, h, m, s in told}
     assert (min(left), len(left) > 70) == (26, True)
-    assert all(seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items())
+    assert all(
+        seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items()
+    )

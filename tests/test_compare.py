@@ -1,4 +1,6 @@
-"""What moved since another verdict is told, and no band of the package grew since its release."""
+"""What moved since another verdict is told, and no band of the package grew since its
+release.
+"""
 
 from pathlib import Path
 
@@ -17,8 +19,9 @@ SCENE = "westergaard-surface"
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """The same case by rim corrections that are right, a little off, and off by more than an area
-    claims; its band is wide enough for all three."""
+    """The same case by rim corrections that are right, a little off, and off by more
+    than an area claims; its band is wide enough for all three.
+    """
     folder = tmp_path_factory.mktemp("runs")
     for name, factor in {"right": 1.0, "near": 0.97, "off": 0.8}.items():
         with pytest.MonkeyPatch.context() as patched:
@@ -36,9 +39,13 @@ def compared(*given):
 def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
     code, said, _ = compared(runs / "right", runs / "right" / "verdict.json")
     assert (code, "0 moved beyond their claim, 0 within it" in said) == (0, True)
-    code, said, _ = compared(runs / "right", runs / "near", "--csv", tmp_path / "moved.csv")
+    code, said, _ = compared(
+        runs / "right", runs / "near", "--csv", tmp_path / "moved.csv"
+    )
     moved = pd.read_csv(tmp_path / "moved.csv").set_index("name")
-    error, moves = moved.loc["area.total.corrected of bem against westergaard (relative)"].iloc[-2:]
+    error, moves = moved.loc[
+        "area.total.corrected of bem against westergaard (relative)"
+    ].iloc[-2:]
     assert 0.1 < moves < 1
     assert error > 1.2 * UNCLAIMED * 0.564  # it is the claim of the area
     assert (code, "area.total.corrected of bem" in said) == (0, True)
@@ -70,7 +77,10 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
     assert "3 are given" in compared(tmp_path, tmp_path, tmp_path)[2]
     (tmp_path / "verdict.json").write_text("{}")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
-    content, figures = (runs / "right/verdict.json").read_text(), read_figures(runs / "right")
+    content, figures = (
+        (runs / "right/verdict.json").read_text(),
+        read_figures(runs / "right"),
+    )
     (tmp_path / "alone.json").write_text(content)  # as kept of an earlier run
     assert compared(tmp_path / "alone.json", runs / "right")[0] == 0
     (tmp_path / "edited.json").write_text(content.replace("holds", "skips"))

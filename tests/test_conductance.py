@@ -1,4 +1,6 @@
-"""What rough joints conduct: the laws, the fitted formula and its interval, and who uses them."""
+"""What rough joints conduct: the laws, the fitted formula and its interval, and who
+uses them.
+"""
 
 import itertools
 import math
@@ -19,7 +21,12 @@ from epcontact.reference.roughness import rms_slope
 from epcontact.studies import conductance as study
 
 #: Stainless steel on aluminium, lapped, where both flow and spring back matter.
-USUAL = {"conductivities": (16.0, 200.0), "rms_height": 1e-6, "rms_slope": 0.15, "breadth": 8.0}
+USUAL = {
+    "conductivities": (16.0, 200.0),
+    "rms_height": 1e-6,
+    "rms_slope": 0.15,
+    "breadth": 8.0,
+}
 USUAL |= {"hardness": 3e9, "effective_modulus": 60e9, "mean_pressure": 10e6}
 MIKIC = laws.LAWS["Mikic, elastic"]
 
@@ -28,25 +35,33 @@ def joint(**changed):
     return joint_conductance(**(USUAL | changed))
 
 
-# --- the laws ------------------------------------------------------------------------------------
+# --- the laws
+# ------------------------------------------------------------------------------------
 
 
 def test_the_laws_are_homogeneous():
-    """Twice the conductivities or half the height: twice the conductance; a unit of pressure
-    and the order of the bodies are nothing."""
+    """Twice the conductivities or half the height: twice the conductance; a unit of
+    pressure and the order of the bodies are nothing.
+    """
     one = joint()
     twice = joint(conductivities=(400.0, 32.0))
     pressures = {name: 1e-6 * USUAL[name] for name in ("hardness", "effective_modulus")}
     for other in (twice, joint(rms_height=0.5e-6)):
         assert other.value == pytest.approx(2 * one.value, rel=1e-12)
-        assert [*other.laws.values()] == pytest.approx([2 * h for h in one.laws.values()])
-    assert joint(**pressures, mean_pressure=10.0).value == pytest.approx(one.value, rel=1e-12)
+        assert [*other.laws.values()] == pytest.approx(
+            [2 * h for h in one.laws.values()]
+        )
+    assert joint(**pressures, mean_pressure=10.0).value == pytest.approx(
+        one.value, rel=1e-12
+    )
     # The law as the handbook prints it, in its own units.
     steel = joint(conductivities=(50.0, 50.0)).laws["Cooper-Mikic-Yovanovich"]
     mean_slope = 0.15 / math.sqrt(math.pi)
     assert steel == pytest.approx(1.25 * 50 * mean_slope / 1e-6 * (10e6 / 3e9) ** 0.95)
     # A perfect conductor leaves the resistance of the other body: k_s = 2 k.
-    perfect, alike = (joint(conductivities=(k, other)) for k, other in ((16.0, 1e12), (32.0, 32.0)))
+    perfect, alike = (
+        joint(conductivities=(k, other)) for k, other in ((16.0, 1e12), (32.0, 32.0))
+    )
     assert perfect.value == pytest.approx(alike.value, rel=1e-9)
 
 
@@ -55,8 +70,14 @@ def test_the_law_for_flow_is_that_of_round_spots_of_a_cut_gaussian_surface():
     load = np.geomspace(1e-5, 0.02, 9)
     height = math.sqrt(2) * erfcinv(2 * load)
     assert erfc(height / math.sqrt(2)) / 2 == pytest.approx(load)
-    spots = np.exp(-(height**2) / 2) / (2 * math.sqrt(2 * math.pi)) / (1 - np.sqrt(load)) ** 1.5
-    assert laws.LAWS["Cooper-Mikic-Yovanovich"](load, 1.0) == pytest.approx(spots, rel=0.02)
+    spots = (
+        np.exp(-(height**2) / 2)
+        / (2 * math.sqrt(2 * math.pi))
+        / (1 - np.sqrt(load)) ** 1.5
+    )
+    assert laws.LAWS["Cooper-Mikic-Yovanovich"](load, 1.0) == pytest.approx(
+        spots, rel=0.02
+    )
 
 
 def test_the_slope_of_a_profile_is_that_of_the_surface_over_the_root_of_pi():
@@ -76,9 +97,13 @@ def test_the_formula_goes_from_flow_to_elasticity():
     # What is left where nothing springs back, and at light loads a power of the load.
     flow = laws.FACTOR * (load / (1 + 8 / laws.CLUSTER)) ** 0.875 / (1 - load) ** 1.5
     assert laws.fitted(load, 1e-6, 8.0) == pytest.approx(flow)
-    assert laws.fitted(1e-9, 0.3, 8.0) / laws.fitted(2e-9, 0.3, 8.0) == pytest.approx(2**-0.875)
+    assert laws.fitted(1e-9, 0.3, 8.0) / laws.fitted(2e-9, 0.3, 8.0) == pytest.approx(
+        2**-0.875
+    )
     # An elastic joint knows neither its hardness nor its breadth.
-    one, other = (laws.fitted(load / hardness, hardness, 8.0) for hardness in (30.0, 60.0))
+    one, other = (
+        laws.fitted(load / hardness, hardness, 8.0) for hardness in (30.0, 60.0)
+    )
     assert one == pytest.approx(other, rel=2e-3)
     assert laws.fitted(load / 30, 30.0, 32.0) == pytest.approx(one, rel=2e-3)
     # A softer body conducts more.
@@ -86,7 +111,8 @@ def test_the_formula_goes_from_flow_to_elasticity():
     assert (np.diff(laws.fitted(0.01 / hardness, hardness, 8.0)) < 0).all()
 
 
-# --- the formula against the table ---------------------------------------------------------------
+# --- the formula against the table
+# ---------------------------------------------------------------
 
 
 def test_the_interval_holds_where_the_formula_was_not_fitted():
@@ -94,8 +120,10 @@ def test_the_interval_holds_where_the_formula_was_not_fitted():
     constants = laws.FACTOR, laws.ELASTIC, laws.CLUSTER
     fitted, other, unseen = laboratory.parts(table)
     assert min(map(len, (fitted, other, unseen))) > 80
-    inside = [np.abs(laboratory.misfit(rows, constants)) < np.log1p(laws.ERROR)
-              for rows in (other, unseen)]  # fmt: skip
+    inside = [
+        np.abs(laboratory.misfit(rows, constants)) < np.log1p(laws.ERROR)
+        for rows in (other, unseen)
+    ]
     assert 0.90 <= np.concatenate(inside).mean() <= 0.975
     # The constants are those that the fit finds, to their digits.
     assert laboratory.fit(fitted) == pytest.approx(constants, rel=5e-3)
@@ -140,26 +168,39 @@ def test_the_laboratory_knows_spots():
     assert greenwood - holm == pytest.approx(-laboratory.MADELUNG / math.pi, rel=1e-6)
 
 
-# --- refusals and users --------------------------------------------------------------------------
+# --- refusals and users
+# --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"mean_pressure": 1e6}, r"P/H is 0.000333, .* from 0.001 to 0.25; solve a case"),
+        (
+            {"mean_pressure": 1e6},
+            r"P/H is 0.000333, .* from 0.001 to 0.25; solve a case",
+        ),
         ({"hardness": 0.2e9}, r"H/\(E\* xi\) is 0.0222"),
         ({"breadth": 16.0}, "the breadth is 16, .* from 2 to 12"),
         ({"mean_pressure": 1.44e9, "hardness": 6e9}, "the contact area is"),
-        ({"rms_height": -1.0}, "rms_height is -1.0, but must be a positive number in m"),
+        (
+            {"rms_height": -1.0},
+            "rms_height is -1.0, but must be a positive number in m",
+        ),
         ({"conductivities": (16.0, 0.0)}, "conductivities is 0.0"),
         (
             {"conductivities": (16.0,)},
             r"conductivities is \(16.0,\), but must be those of two bodies",
         ),
         ({"conductivities": (16.0, 50.0, 200.0)}, "those of two bodies"),
-        ({"conductivities": 16.0}, "conductivities is 16.0, but must be those of two bodies"),
+        (
+            {"conductivities": 16.0},
+            "conductivities is 16.0, but must be those of two bodies",
+        ),
         ({"conductivities": None}, "conductivities is None"),
-        ({"conductivities": {"steel": 16.0, "aluminium": 200.0}}, "those of two bodies"),
+        (
+            {"conductivities": {"steel": 16.0, "aluminium": 200.0}},
+            "those of two bodies",
+        ),
     ],
 )
 def test_what_was_not_judged_is_refused(changed, words):
@@ -176,8 +217,11 @@ def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
 
 
 def test_the_command_prints_what_the_function_finds():
-    words = [word for name, value in USUAL.items()
-             for word in (f"--{name.replace('_', '-')}", *np.ravel(value))]  # fmt: skip
+    words = [
+        word
+        for name, value in USUAL.items()
+        for word in (f"--{name.replace('_', '-')}", *np.ravel(value))
+    ]
     assert invoke("joint", *words).stdout == f"{joint()}\n"
 
 
@@ -188,12 +232,21 @@ def test_the_gates_against_numbers_hold_the_formula():
         hardness = scene.material.hardness / (modulus_of(scene.material) * 0.1)
         y = laws.fitted(scene.load.final / scene.material.hardness, hardness, 8.0)
         expected = 2 * y * 0.1 / (laws.PROFILE * scene.surface.rms_height)
-        (gate,) = [gate for gate in case.gates if isinstance(gate.against, float | int)
-                   and gate.quantity == "quantity.conductance"]  # fmt: skip
+        (gate,) = [
+            gate
+            for gate in case.gates
+            if isinstance(gate.against, float | int)
+            and gate.quantity == "quantity.conductance"
+        ]
         assert gate.against == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_law_describes_a_rough_half_space_with_a_hardness():
     form, scene = CLOSED_FORMS["mikic"], study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8)
-    y = form.scalar("quantity.conductance", scene) * scene.surface.rms_height * laws.PROFILE / 2
+    y = (
+        form.scalar("quantity.conductance", scene)
+        * scene.surface.rms_height
+        * laws.PROFILE
+        / 2
+    )
     assert y == pytest.approx(float(MIKIC(0.1, 0.1)), rel=1e-9)

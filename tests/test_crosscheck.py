@@ -1,4 +1,6 @@
-"""J2 against a cap on one discrete body: differences, their parts, and the effective hardness."""
+"""J2 against a cap on one discrete body: differences, their parts, and the effective
+hardness.
+"""
 
 import dataclasses
 import inspect
@@ -19,7 +21,13 @@ from epcontact.harness.crosscheck import crosscheck, error_budget, measured_hard
 from epcontact.harness.gates import Difference, difference, distance
 from epcontact.harness.quantities.model_difference import combined, elements_compliance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
-from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.results import (
+    Areas,
+    ContactResult,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
 from epcontact.scene import Body
 from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid
@@ -31,8 +39,9 @@ def test_the_budget_tells_the_parts_apart(dimensions):
     scene = rough_scene(nodes, highest, dimensions=dimensions)
     j2 = fem_check.solve(scene, certified=False)
     model, solver, discretisation, depth = error_budget(scene, "j2", j2).values()
-    # The same discrete body: only rounding and the solvers' tolerances.  The depth hides the base
-    # to 0.1 % of the longest wave, and 8 (or 16) points a wave are good to per cents.
+    # The same discrete body: only rounding and the solvers' tolerances.  The depth
+    # hides the base to 0.1 % of the longest wave, and 8 (or 16) points a wave are good
+    # to per cents.
     assert solver.nodes == 0
     assert solver.pressure < 1e-5
     assert depth.pressure < 1e-3
@@ -51,8 +60,11 @@ def test_each_part_falls_with_what_it_is_the_error_of():
     # First order: halved by twice the grid, here and there by a little less.
     assert fine["discretisation"].pressure < coarse["discretisation"].pressure / 1.7
     assert fine["depth"].pressure == pytest.approx(coarse["depth"].pressure, rel=0.5)
-    # The base's influence falls as exp(-2 q d), and a thin layer is stiffer than the half-space.
-    budgets = (error_budget(rough_scene(32, 4), "elastic", depth=d) for d in (0.15, 0.4, 0.8))
+    # The base's influence falls as exp(-2 q d), and a thin layer is stiffer than the
+    # half-space.
+    budgets = (
+        error_budget(rough_scene(32, 4), "elastic", depth=d) for d in (0.15, 0.4, 0.8)
+    )
     thin, shallow, deep = (budget["depth"] for budget in budgets)
     assert deep.pressure < shallow.pressure / 20
     assert thin.area < 0
@@ -69,9 +81,13 @@ def answer(pressure, low):
 
 def test_differences_of_known_answers():
     one, other = answer([1.0, 1, 1, 1, 0, 0], 0.2), answer([0.0, 0, 2, 2, 2, 0], 0.5)
-    assert difference(one, one, 4.0) == Difference(0.0, 0.0, 1.0, 0.0, 0, (4 / 6, 4 / 6))
+    assert difference(one, one, 4.0) == Difference(
+        0.0, 0.0, 1.0, 0.0, 0, (4 / 6, 4 / 6)
+    )
     found = dataclasses.astuple(difference(one, other, 4.0))
-    assert found[:5] == pytest.approx((1 / 3, math.sqrt(8 / 12), 2 / 5, 0.3 / 4, 3), rel=2e-4)
+    assert found[:5] == pytest.approx(
+        (1 / 3, math.sqrt(8 / 12), 2 / 5, 0.3 / 4, 3), rel=2e-4
+    )
     with pytest.raises(InvalidScene, match="cannot be compared"):
         difference(answer([1.0], 0.2), one, 4.0)
 
@@ -90,7 +106,9 @@ def flowed():
     return scene, fem_check.solve(scene, law="j2", certified=False)
 
 
-@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.7), Body("sliding_layer", 0.7)])
+@pytest.mark.parametrize(
+    "body", [Body(), Body("bonded_layer", 0.7), Body("sliding_layer", 0.7)]
+)
 def test_the_compliance_is_that_of_the_block_that_answered(body):
     scene = rough_scene(16, 3, body=body)
     result = fem_check.solve(scene, law="elastic", layers=7, certified=False)
@@ -101,7 +119,10 @@ def test_the_compliance_is_that_of_the_block_that_answered(body):
 def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements():
     """The null test: with the law taken out, grid and depth leave nothing behind."""
     scene = rough_scene(32, 4, hardness=0.35)
-    capped, exact = fem_check.solve(scene, law="capped", certified=False), bem.solve(scene)
+    capped, exact = (
+        fem_check.solve(scene, law="capped", certified=False),
+        bem.solve(scene),
+    )
     options = dict(capped.provenance.options) | {"law": "j2"}
     found = measured(scene, replace(capped, provenance=Provenance("", options=options)))
     assert (found["model_area"], found["model_overlap"]) == (0, 1)
@@ -129,7 +150,10 @@ def test_the_measures_say_what_they_mean(flowed):
     assert found["model_area"] > 2 * abs(found["elements_area"])  # 8 nodes a wave do
     assert found["effective_overlap"] > found["model_overlap"]
     turned = replace(j2, fields=dict(j2.fields) | {"state": j2.fields["state"].T})
-    assert measured(scene, turned, "quantity.model_area")["model_area"] == found["model_area"]
+    assert (
+        measured(scene, turned, "quantity.model_area")["model_area"]
+        == found["model_area"]
+    )
     assert measured(scene, turned)["model_overlap"] < found["model_overlap"] / 2
 
 
@@ -145,7 +169,12 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
         ("effective_hardness", stiff, elastic, "no cap gives its area"),
         ("model_area", scene, capped, "law of the elements is capped, but"),
         ("elements_pressure", scene, j2, "law of the elements is j2, but"),
-        ("effective_hardness", scene, too_full, r"c_eff means nothing .* 0\.950 of the nodes"),
+        (
+            "effective_hardness",
+            scene,
+            too_full,
+            r"c_eff means nothing .* 0\.950 of the nodes",
+        ),
         ("model_area", scene, nameless, "does not say its block's layers"),
     ):
         with pytest.raises(InvalidCase, match=sentence):
@@ -153,10 +182,14 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
 
 
 def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
-    source = "".join(inspect.getsource(inspect.getmodule(f)) for f in (crosscheck, combined))
+    source = "".join(
+        inspect.getsource(inspect.getmodule(f)) for f in (crosscheck, combined)
+    )
     calls = re.findall(r"(?:bem|fem_check)\.solve\((.*)", source)
     assert len(calls) == 7
-    passed = {name for call in calls for name in re.findall(r"\w+(?==)|(?<=\*\*)\w+", call)}
+    passed = {
+        name for call in calls for name in re.findall(r"\w+(?==)|(?<=\*\*)\w+", call)
+    }
     changed, numbers = {"material", "body"}, {"threads", "law", "certified"}
     assert passed - changed - numbers == {"compliance", "block", "steps", "options"}
 
@@ -169,19 +202,28 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     fewer = measured_hardness(scene, steps=1)
     assert set(found.parts) == {"node", "grid", "depth", "steps"}
     assert found.parts["depth"] == pytest.approx(found.ratio - shallow.ratio, abs=1e-9)
-    assert found.parts["steps"] == pytest.approx(found.ratio - fewer.ratio, abs=1e-9) != 0
+    assert (
+        found.parts["steps"] == pytest.approx(found.ratio - fewer.ratio, abs=1e-9) != 0
+    )
     tight = measured_hardness(scene, steps=20)
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
 
 
 @pytest.mark.parametrize(
     ("name", "severity", "nu"),
-    [("fem-model-5", 5, 0.3), ("fem-model-50-nu0", 50, 0.0), ("fem-model-15-nu045", 15, 0.45)],
+    [
+        ("fem-model-5", 5, 0.3),
+        ("fem-model-50-nu0", 50, 0.0),
+        ("fem-model-15-nu045", 15, 0.45),
+    ],
 )
 def test_the_study_answers_the_scenes_of_the_cases(name, severity, nu):
     case = load_case(name)
     recipe = case.recipes[0]
-    ours, theirs = model_scene(severity, nu, recipe.seed, recipe.shape[0]), case.scene(recipe)
+    ours, theirs = (
+        model_scene(severity, nu, recipe.seed, recipe.shape[0]),
+        case.scene(recipe),
+    )
     np.testing.assert_array_equal(ours.surface.heights, theirs.surface.heights)
     assert ours.body == theirs.body
     # The case's stresses have five figures.
@@ -208,18 +250,27 @@ def tiny(tmp_path):
 
 
 def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
-    *alone, head = (lines := crosscheck(tiny(), seeds=_seeds("21-22"), steps=4).splitlines())[:-10]
+    *alone, head = (
+        lines := crosscheck(tiny(), seeds=_seeds("21-22"), steps=4).splitlines()
+    )[:-10]
     assert head.startswith("fem-model-5, fast, 2 surfaces: mean +- standard error")
     summed = dict(line.strip().split(": ") for line in lines[-10:-1])
-    low, high = sorted(float(r) for r in re.findall(r"c_eff = (\S+) ", "\n".join(alone)))
+    low, high = sorted(
+        float(r) for r in re.findall(r"c_eff = (\S+) ", "\n".join(alone))
+    )
     numbers = re.findall(r"[+-]?\d\.\d+", summed["effective hardness c_eff"])
     expected = ((low + high) / 2, (high - low) / 2, (high - low) / math.sqrt(2))
     assert [float(number) for number in numbers] == pytest.approx(expected, abs=1e-3)
     assert float(summed["model, area"].split()[0]) > 0
     assert {"its change by the grid", "its change by the steps"} < set(summed)
-    parts = {k: float(v) for k, v in re.findall(r"(seeds|grid|steps) ([+-]\S+?)[,)]", lines[-1])}
+    parts = {
+        k: float(v)
+        for k, v in re.findall(r"(seeds|grid|steps) ([+-]\S+?)[,)]", lines[-1])
+    }
     found = re.findall(r"mean c_eff = (\S+) \+- (\S+) ", lines[-1])[0]
-    assert [float(x) for x in found] == pytest.approx([expected[0], combined(parts)], abs=4e-3)
+    assert [float(x) for x in found] == pytest.approx(
+        [expected[0], combined(parts)], abs=4e-3
+    )
     assert parts["seeds"] == pytest.approx(expected[1], abs=1e-3)
 
 
@@ -227,8 +278,16 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
     ("edits", "options", "sentence"),
     [
         ([('"fem", "bem"]', '"fem"]')], {}, "lacks bem"),
-        ([("mean_pressure = 5.7692e+08", "mean_pressure = [1e8, 5e8]")], {}, "is a path of 2"),
-        ([('law = "j2"', 'law = "j2"\ngeometry = "moved"')], {}, "fem.geometry is 'moved'"),
+        (
+            [("mean_pressure = 5.7692e+08", "mean_pressure = [1e8, 5e8]")],
+            {},
+            "is a path of 2",
+        ),
+        (
+            [('law = "j2"', 'law = "j2"\ngeometry = "moved"')],
+            {},
+            "fem.geometry is 'moved'",
+        ),
         ([ELASTIC], {"steps": 4}, r"steps is for fem.law = 'j2' only"),
         ([], {"seeds": [3, 3]}, "different numbers"),
     ],
@@ -258,11 +317,20 @@ def scene_of(k, nodes):
 
 @pytest.mark.long  # some two minutes
 def test_the_error_bars_hold_the_ratios_of_a_fine_grid():
-    """Of 60 bars 57 hold; some are infinite, as half of their grid has no cap of equal area."""
+    """Of 60 bars 57 hold; some are infinite, as half of their grid has no cap of equal
+    area.
+    """
     fine = [float(c) for c in FINE.split()]
     # On grids as coarse as these the bars are wide: .24 of the ratio on the median.
-    found = [measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(len(fine))]
-    assert sum(abs(own.ratio - c) <= own.error for own, c in zip(found, fine, strict=True)) >= 57
+    found = [
+        measured_hardness(scene_of(k, 16 if k < 10 else 24)) for k in range(len(fine))
+    ]
+    assert (
+        sum(abs(own.ratio - c) <= own.error for own, c in zip(found, fine, strict=True))
+        >= 57
+    )
     assert sum(math.isfinite(each.error) for each in found) >= 57
     assert np.median([each.error / each.ratio for each in found]) < 0.3
-    assert all(("depth" in each.parts) == (k % 2 == 0) for k, each in enumerate(found) if k)
+    assert all(
+        ("depth" in each.parts) == (k % 2 == 0) for k, each in enumerate(found) if k
+    )

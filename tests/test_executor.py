@@ -1,4 +1,6 @@
-"""Cases solved on the workers of any executor, which share no folder with the sender."""
+"""Cases solved on the workers of any executor, which share no folder with the
+sender.
+"""
 
 import importlib
 import os
@@ -24,12 +26,17 @@ from epcontact.results import package_versions
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
-    ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),
+    (
+        'of = "bem"\nagainst = "persson"',
+        'of = "persson"\nagainst = 0.1\nsource = "made"',
+    ),
 )
 
 
 class Elsewhere(Executor):
-    """Makes each call at once, on copies, in a folder of its own, as a far worker would."""
+    """Makes each call at once, on copies, in a folder of its own, as a far worker
+    would.
+    """
 
     worker_memory, open, instead = 2.0**40, True, None
 
@@ -62,7 +69,9 @@ def refusing(sentence):
     return call
 
 
-def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monkeypatch):
+def test_a_worker_sends_back_results_fields_and_steps(
+    write_case, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     case, far = load_case(write_case(ONE)), Elsewhere(tmp_path / "far")
     run_cases([case], Run("here", 1, fields="steps"))
@@ -70,7 +79,9 @@ def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monk
     assert not far.open
     assert not list(far.folder.iterdir())
     found = {p.relative_to("here"): p for p in Path("here").rglob("*") if p.is_file()}
-    assert {p.relative_to("there") for p in Path("there").rglob("*") if p.is_file()} == set(found)
+    assert {
+        p.relative_to("there") for p in Path("there").rglob("*") if p.is_file()
+    } == set(found)
     assert {path.suffix for path in found} == {".json", ".vti", ".pvd"}
     for name, path in found.items():
         if path.suffix != ".json":  # costs differ
@@ -82,15 +93,21 @@ def test_a_worker_sends_back_results_fields_and_steps(write_case, tmp_path, monk
 def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch):
     package = Path(store.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
-        shutil.copytree(folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"])
+        shutil.copytree(
+            folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"]
+        )
     copy = tmp_path / package.name
     before = store.sources(copy)
     assert before == store.sources()
     for name, same in (
-        ("bem/inner/cg.py", False), ("../fem_check/plasticity.py", False), ("scene.py", False),
-        ("harness/interface.py", False), ("winkler.py", False),
-        ("harness/quantities/registry.py", False), ("output/report.py", True),
-    ):  # fmt: skip
+        ("bem/inner/cg.py", False),
+        ("../fem_check/plasticity.py", False),
+        ("scene.py", False),
+        ("harness/interface.py", False),
+        ("winkler.py", False),
+        ("harness/quantities/registry.py", False),
+        ("output/report.py", True),
+    ):
         with (copy / name).open("a") as file:  # a method of one's own is a new file
             file.write("\n# changed\n")
         store.sources.cache_clear()
@@ -98,16 +115,27 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
         assert (before == after) == same, name
     task = next(tasks_of(load_case(write_case()), Run()))
     key = store.key_of(task)
-    monkeypatch.setattr(store, "package_versions", lambda: package_versions() | {"numba": "0.0"})
+    monkeypatch.setattr(
+        store, "package_versions", lambda: package_versions() | {"numba": "0.0"}
+    )
     assert store.key_of(task) != key
 
 
 @pytest.mark.parametrize(
     ("worker", "sentence"),
     [
-        ({"worker_memory": 2.0**20}, "needs about 0.3 GiB, but the largest worker has 0.0 GiB"),
-        ({"instead": refusing("no number")}, "its worker failed: RuntimeError: no number"),
-        ({"instead": lambda *_: 42}, "the executor returned 42, not what the task returns"),
+        (
+            {"worker_memory": 2.0**20},
+            "needs about 0.3 GiB, but the largest worker has 0.0 GiB",
+        ),
+        (
+            {"instead": refusing("no number")},
+            "its worker failed: RuntimeError: no number",
+        ),
+        (
+            {"instead": lambda *_: 42},
+            "the executor returned 42, not what the task returns",
+        ),
         (ThreadPoolExecutor, "time limit of 1e-06 s"),  # a process keeps it
         ({}, "has numpy 1.0 in the place of"),
     ],
@@ -115,7 +143,9 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
 def test_failure_of_a_worker_is_its_tasks_error(
     write_case, tmp_path, monkeypatch, worker, sentence
 ):
-    far = Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
+    far = (
+        Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
+    )
     limit = ("[case]\n", "[case]\ntime_limit = 1e-6\n")
     path = write_case(*THEORY, *([limit] if worker is ThreadPoolExecutor else []))
     if not worker:
@@ -129,12 +159,26 @@ def test_failure_of_a_worker_is_its_tasks_error(
 @pytest.mark.parametrize(
     ("changes", "error", "sentence"),
     [
-        ({"worker_memory": "lots"}, InvalidCase, "worker_memory is 'lots', but must be in bytes"),
-        ({"shutdown": refusing("gone")}, EpcontactError, "does not end: RuntimeError: gone"),
-        ({"submit": refusing("full")}, EpcontactError, "takes no task: RuntimeError: full"),
+        (
+            {"worker_memory": "lots"},
+            InvalidCase,
+            "worker_memory is 'lots', but must be in bytes",
+        ),
+        (
+            {"shutdown": refusing("gone")},
+            EpcontactError,
+            "does not end: RuntimeError: gone",
+        ),
+        (
+            {"submit": refusing("full")},
+            EpcontactError,
+            "takes no task: RuntimeError: full",
+        ),
     ],
 )
-def test_failure_of_an_executor_is_one_sentence(write_case, tmp_path, changes, error, sentence):
+def test_failure_of_an_executor_is_one_sentence(
+    write_case, tmp_path, changes, error, sentence
+):
     far = Elsewhere(tmp_path / "far", **changes)
     with pytest.raises(error, match=sentence):
         verify(write_case(*THEORY), output=tmp_path, executor=lambda: far)
@@ -143,7 +187,10 @@ def test_failure_of_an_executor_is_one_sentence(write_case, tmp_path, changes, e
 
 @pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2.2e9, 3), (1e8, 1)])
 def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs):
-    grid = ("points_per_shortest_wavelength = { fast = 4, full = 8 }", "shape = [4096, 2048]")
+    grid = (
+        "points_per_shortest_wavelength = { fast = 4, full = 8 }",
+        "shape = [4096, 2048]",
+    )
     tasks = [*tasks_of(load_case(write_case(grid)), Run())]
     monkeypatch.setattr(run, "available_memory", lambda: free)
     # 2^28 bytes, and a point of a light contact that flows takes 50 and some more.
@@ -151,12 +198,16 @@ def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, j
     assert Run(jobs=4).jobs_for(tasks) == jobs
 
 
-@pytest.mark.parametrize(("given", "threads"), [("3", 1), ("7", 3), ("", 3), ("4,2", 3)])
+@pytest.mark.parametrize(
+    ("given", "threads"), [("3", 1), ("7", 3), ("", 3), ("4,2", 3)]
+)
 def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, threads):
     monkeypatch.setattr(run, "available_cores", lambda: 6)
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     found: list[int] = []
-    monkeypatch.setattr(run, "solve_task", lambda _, threads: found.append(threads) or "none")
+    monkeypatch.setattr(
+        run, "solve_task", lambda _, threads: found.append(threads) or "none"
+    )
     task = next(tasks_of(load_case(write_case(*THEORY)), Run()))
     assert run.solve_elsewhere((task, store.basis()), share=2) == ("none", {})
     assert found == [threads]
@@ -169,7 +220,10 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
         ("concurrent.futures:Nothing", "cannot be made"),
         ("sys:exit", "cannot be made .SystemExit"),
         ("os:getpid", "is .*, not a concurrent.futures.Executor"),
-        ("epcontact.harness.cluster:dask", "DASK_SCHEDULER_ADDRESS is not set|is not installed"),
+        (
+            "epcontact.harness.cluster:dask",
+            "DASK_SCHEDULER_ADDRESS is not set|is not installed",
+        ),
     ],
 )
 def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence):
@@ -179,10 +233,13 @@ def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentenc
 
 
 @pytest.mark.slow
-def test_tasks_of_a_killed_dask_worker_are_done_again(write_case, tmp_path, monkeypatch):
+def test_tasks_of_a_killed_dask_worker_are_done_again(
+    write_case, tmp_path, monkeypatch
+):
     distributed = pytest.importorskip("distributed")
     dask_config = importlib.import_module("dask.config")
-    # A server imports Dask once for all workers that it forks, also for one that starts again.
+    # A server imports Dask once for all workers that it forks, also for one that starts
+    # again.
     method = {"distributed.worker.multiprocessing-method": get_all_start_methods()[-1]}
     path = write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 6, 7, 8]"))
     plain = verify(path, output=tmp_path / "plain", jobs=1)
@@ -200,6 +257,8 @@ def test_tasks_of_a_killed_dask_worker_are_done_again(write_case, tmp_path, monk
     assert killed
     (ours,), (theirs,) = plain.cases, verdict.cases
     assert theirs.status == ours.status == "holds"
-    assert [g.model_dump() for g in theirs.gates] == [g.model_dump() for g in ours.gates]
+    assert [g.model_dump() for g in theirs.gates] == [
+        g.model_dump() for g in ours.gates
+    ]
     assert [m.errors for m in theirs.methods.values()] == [[], []]
     assert theirs.methods["bem"].surfaces == 8

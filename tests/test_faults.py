@@ -1,8 +1,10 @@
-"""Every gate can fail: each deliberate fault turns its gate red, or makes its test fail.
+"""Every gate can fail: each deliberate fault turns its gate red, or makes its test
+fail.
 
-The table is the package `breaking`; `python -m breaking` prints it.  A fault is a wrong solver of
-`faults.py` in the place of the boundary elements, or a patch of a function that the package calls.
-The named gate alone is judged; `pytest cases` shows that all gates hold without the faults.
+The table is the package `breaking`; `python -m breaking` prints it.  A fault is a wrong
+solver of `faults.py` in the place of the boundary elements, or a patch of a function
+that the package calls. The named gate alone is judged; `pytest cases` shows that all
+gates hold without the faults.
 """
 
 import sys
@@ -16,17 +18,24 @@ from breaking.fault import REFUSED
 from epcontact.harness.gates import HOLDS
 
 #: Tests whose scene is run once for all of them, and for a fault once more.
-SCENE = {f"tests/test_shown.py::test_{name}" for name in (
-    "every_figure_of_an_answer_follows_from_the_pressures", "a_view_shows_the_fields",
-    "a_field_file_is_that_of_the_last_load", "a_chart_shows_the_fields_and_the_figures",
-)}  # fmt: skip
+SCENE = {
+    f"tests/test_shown.py::test_{name}"
+    for name in (
+        "every_figure_of_an_answer_follows_from_the_pressures",
+        "a_view_shows_the_fields",
+        "a_field_file_is_that_of_the_last_load",
+        "a_chart_shows_the_fields_and_the_figures",
+    )
+}
 
 
 @pytest.fixture(autouse=True)
 def nothing_is_kept():
     """What the package has computed under a fault, and kept, does not outlive it."""
     yield
-    modules = [module for name, module in sys.modules.items() if name.startswith("epcontact")]
+    modules = [
+        module for name, module in sys.modules.items() if name.startswith("epcontact")
+    ]
     for kept in [kept for module in modules for kept in vars(module).values()]:
         getattr(kept, "cache_clear", lambda: None)()
 
@@ -39,14 +48,20 @@ def dear(fault):
 
 def as_parameters(faults):
     return [
-        pytest.param(fault, id=fault.what, marks=[pytest.mark.long] if dear(fault) else [])
+        pytest.param(
+            fault, id=fault.what, marks=[pytest.mark.long] if dear(fault) else []
+        )
         for fault in faults
     ]
 
 
-@pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if not f.test]))
+@pytest.mark.parametrize(
+    "fault", as_parameters([f for f in FAULTS.values() if not f.test])
+)
 def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch):
-    if fault.surfaces is not None:  # the case's own test judges all of its surfaces together
+    if (
+        fault.surfaces is not None
+    ):  # the case's own test judges all of its surfaces together
         honest = status_under(fault, tmp_path / "honest")
         assert honest != REFUSED if fault.status == REFUSED else honest == HOLDS
     fault.patch(monkeypatch)

@@ -1,4 +1,6 @@
-"""fem_check can disagree with epcontact only while it shares nothing with it but the question."""
+"""fem_check can disagree with epcontact only while it shares nothing with it but the
+question.
+"""
 
 import ast
 import subprocess
@@ -8,7 +10,9 @@ from pathlib import Path
 import fem_check
 
 #: The question, the form of the answer, facts of the machine and files: no mathematics.
-ALLOWED = {f"epcontact.{name}" for name in ("scene", "results", "errors", "machine", "files")}
+ALLOWED = {
+    f"epcontact.{name}" for name in ("scene", "results", "errors", "machine", "files")
+}
 SOURCES = sorted(Path(fem_check.__file__).parent.glob("**/*.py"))
 
 
@@ -18,7 +22,9 @@ def imported(source):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "relative imports would hide where a name comes from"
+            assert node.level == 0, (
+                "relative imports would hide where a name comes from"
+            )
             found.add(node.module or "")
     return found
 
@@ -43,7 +49,10 @@ fem_check.solve(scene)
 print(sorted(m for m in sys.modules if m.split(".")[0] == "epcontact" or m == "pandas"))
 """
     answer = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True
+        [sys.executable, "-W", "error", "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert set(ast.literal_eval(answer.stdout)) == {"epcontact"} | ALLOWED
 
@@ -52,5 +61,7 @@ def test_the_contract_itself_imports_numpy_and_the_standard_library_alone():
     for name in ("scene", "results", "errors"):
         file = Path(fem_check.__file__).parents[1] / "epcontact" / f"{name}.py"
         top = {n.split(".")[0] for n in imported(file.read_text())}
-        later = {"pandas"} if name == "results" else set()  # for whoever asks for a table
+        later = (
+            {"pandas"} if name == "results" else set()
+        )  # for whoever asks for a table
         assert top <= {"numpy", "epcontact", *later, *sys.stdlib_module_names}

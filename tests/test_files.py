@@ -34,11 +34,27 @@ def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path)
 
 
 def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path):
-    values = [math.inf, -np.inf, np.float32("nan"), np.array([[1.5, np.inf]]), np.int64(3)]
+    values = [
+        math.inf,
+        -np.inf,
+        np.float32("nan"),
+        np.array([[1.5, np.inf]]),
+        np.int64(3),
+    ]
     values += [np.True_, (1, "a"), tmp_path, None]
     files.write_json(tmp_path / "x.json", values)
     read = json.loads((tmp_path / "x.json").read_text(), parse_constant=pytest.fail)
-    expected = ["inf", "-inf", "nan", [[1.5, "inf"]], 3, True, [1, "a"], str(tmp_path), None]
+    expected = [
+        "inf",
+        "-inf",
+        "nan",
+        [[1.5, "inf"]],
+        3,
+        True,
+        [1, "a"],
+        str(tmp_path),
+        None,
+    ]
     assert read == expected
     with pytest.raises(TypeError):
         files.write_json(tmp_path / "y.json", {"a": object()})
@@ -63,16 +79,43 @@ def removing(here):
 
 
 REFUSED = [
-    (lambda here: files.write_text(here / "folder", ""), OutputError, "folder: it is a folder"),
-    (lambda here: files.require_writable(here / "file"), OutputError, "not a directory$"),
-    (lambda here: files.write_text(here / "file" / "y", ""), OutputError, "y: file.*: .*file$"),
-    (lambda here: files.write_text(here / ("n" * 300), ""), OutputError, "name too long"),
+    (
+        lambda here: files.write_text(here / "folder", ""),
+        OutputError,
+        "folder: it is a folder",
+    ),
+    (
+        lambda here: files.require_writable(here / "file"),
+        OutputError,
+        "not a directory$",
+    ),
+    (
+        lambda here: files.write_text(here / "file" / "y", ""),
+        OutputError,
+        "y: file.*: .*file$",
+    ),
+    (
+        lambda here: files.write_text(here / ("n" * 300), ""),
+        OutputError,
+        "name too long",
+    ),
     (lambda here: files.write_text("", ""), OutputError, "names no file"),
     (lambda here: files.write_text(f"{here}/a\0b", ""), OutputError, "cannot write"),
     (removing, OutputError, "no such file"),
-    (stopped_by(OSError(errno.ENOSPC, "No space left")), OutputError, "x: no space left"),
-    (stopped_by(FileNotFoundError(errno.ENOENT, "gone", "other")), FileNotFoundError, "other"),
-    *((stopped_by(e("mine"), "file.vti"), e, "mine") for e in (ValueError, KeyboardInterrupt)),
+    (
+        stopped_by(OSError(errno.ENOSPC, "No space left")),
+        OutputError,
+        "x: no space left",
+    ),
+    (
+        stopped_by(FileNotFoundError(errno.ENOENT, "gone", "other")),
+        FileNotFoundError,
+        "other",
+    ),
+    *(
+        (stopped_by(e("mine"), "file.vti"), e, "mine")
+        for e in (ValueError, KeyboardInterrupt)
+    ),
 ]
 if POSIX:
     REFUSED += [(lambda here: files.write_text("/dev/null", ""), OutputError, "device")]
@@ -89,11 +132,15 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, wo
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 700
     assert sorted(os.listdir(tmp_path)) == before
-    assert (tmp_path / "file").read_text() == (tmp_path / "file.vti").read_text() == "keep"
+    assert (
+        (tmp_path / "file").read_text() == (tmp_path / "file.vti").read_text() == "keep"
+    )
 
 
 @pytest.mark.skipif(not POSIX, reason="needs POSIX links")
-def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
+def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(
+    tmp_path, monkeypatch
+):
     def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -106,7 +153,11 @@ def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(tmp_path, mon
     monkeypatch.setattr(os, "fsync", full)  # after the block
     with pytest.raises(OutputError, match="no space left"):
         files.write_text(link, "newer")
-    assert (link.is_symlink(), link.read_text(), real.read_text()) == (False, "new", "old")
+    assert (link.is_symlink(), link.read_text(), real.read_text()) == (
+        False,
+        "new",
+        "old",
+    )
     assert sorted(os.listdir(tmp_path)) == ["link", "real"]
 
 
@@ -139,7 +190,10 @@ def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
     )
     command = [sys.executable, "-c", program, folder / "steps" / "x.vti"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes) as process, files.whole_file(folder / "mine") as mine:
+    with (
+        subprocess.Popen(command, **pipes) as process,
+        files.whole_file(folder / "mine") as mine,
+    ):
         name = process.stdout.readline().strip()
         assert name.startswith(f".epcontact-{platform.node()}-{process.pid}-")
         files.remove_leftovers(folder)

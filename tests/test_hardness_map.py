@@ -1,4 +1,6 @@
-"""The map of the effective hardness: its formula, its refusals, its users, and how it is made."""
+"""The map of the effective hardness: its formula, its refusals, its users, and how it
+is made.
+"""
 
 import math
 import re
@@ -42,16 +44,25 @@ def at(**changed):
 
 
 def test_the_map_covers_what_it_says_and_is_smooth():
-    assert kept.map_digest() == "515071162a27"  # a map that was made anew has another one
+    assert (
+        kept.map_digest() == "515071162a27"
+    )  # a map that was made anew has another one
     known = hardness_map()
-    assert known["load"].size == np.prod([np.unique(known[name]).size for name in kept.SYMBOLS])
+    assert known["load"].size == np.prod(
+        [np.unique(known[name]).size for name in kept.SYMBOLS]
+    )
     inside = known["area"] <= kept.FULL
     inverse = known["inverse_hardness"][inside]
-    off = kept.fitted_ratio(*(known[name][inside] for name in kept.SYMBOLS)) * inverse - 1
+    off = (
+        kept.fitted_ratio(*(known[name][inside] for name in kept.SYMBOLS)) * inverse - 1
+    )
     # What the formula misses, and the scatter of the places, each at 95 %.
-    assert (np.abs(off) < np.hypot(known["scatter"][inside], kept.formula()[1])).mean() > 0.9
+    assert (
+        np.abs(off) < np.hypot(known["scatter"][inside], kept.formula()[1])
+    ).mean() > 0.9
     assert np.abs(off).max() < 0.08
-    # The map was made until its surfaces leave no more than 2 %, and its grids 2 to 4 %.
+    # The map was made until its surfaces leave no more than 2 %, and its grids 2 to 4
+    # %.
     assert known["statistical_error"][inside].max() <= 0.02
     assert 0.02 < known["grid_error"][inside].max() < 0.04
     # No cap is lower than the mean pressure in the contact of the J2 body.
@@ -62,10 +73,15 @@ def test_the_map_covers_what_it_says_and_is_smooth():
     "changed", [{}, {"rms_slope": 0.07, "poisson_ratio": 0.1}, {"mean_pressure": 0.4e9}]
 )
 def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m(changed):
-    places = pd.DataFrame({**hardness_map()}).set_index([*kept.SYMBOLS])["area"].sort_index()
+    places = (
+        pd.DataFrame({**hardness_map()}).set_index([*kept.SYMBOLS])["area"].sort_index()
+    )
     axes = [level.to_numpy() for level in places.index.levels]
     area = places.to_numpy().reshape([axis.size for axis in axes])
-    linear, found = RegularGridInterpolator((np.log(axes[0]), *axes[1:]), area), at(**changed)
+    linear, found = (
+        RegularGridInterpolator((np.log(axes[0]), *axes[1:]), area),
+        at(**changed),
+    )
     place = (math.log(found.severity), found.poisson_ratio, found.load)
     assert found.area == pytest.approx(linear(place).item(), rel=1e-12)
 
@@ -84,7 +100,9 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
 
 
 def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
-    """Within the claim of the breadth alone, which is a third of what all spectra differed by."""
+    """Within the claim of the breadth alone, which is a third of what all spectra
+    differed by.
+    """
     table = breadth.judged(pd.read_csv(breadth.FILE))
     for _, some in table[~table["taught"]].groupby("nodes"):
         assert some["within"].mean() >= 0.83
@@ -97,16 +115,26 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
     for breadths in (2, 4, 32, 300, None):  # an unknown one lies anywhere in between
         ends = (2, 300) if breadths is None else (breadths,) * 2
         low, high, beyond = (
-            kept.TREND * flowing * math.log(b) for b in (ends[0] / 4, ends[1] / 4, ends[1] / 32)
+            kept.TREND * flowing * math.log(b)
+            for b in (ends[0] / 4, ends[1] / 4, ends[1] / 32)
         )
         trend = (low + high) / 2
-        parts = kept.DOUBT * (abs(trend) + large), max(beyond, 0.0), kept.SPECTRA, (high - low) / 2
+        parts = (
+            kept.DOUBT * (abs(trend) + large),
+            max(beyond, 0.0),
+            kept.SPECTRA,
+            (high - low) / 2,
+        )
         found = at(breadth=breadths)
         assert found.errors["breadth_error"] == pytest.approx(math.hypot(*parts))
         bare = found.ratio / (1 + trend + large)
-        assert bare == pytest.approx(kept.fitted_ratio(*np.array([[at().severity], [0.3], [0.25]])))
+        assert bare == pytest.approx(
+            kept.fitted_ratio(*np.array([[at().severity], [0.3], [0.25]]))
+        )
     unknown = at()
-    assert unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
+    assert (
+        unknown.interval[0] < narrow.value < at(breadth=300).value < unknown.interval[1]
+    )
     with pytest.raises(InvalidScene, match=r"breadth is 1\.5, but .* at least 2"):
         at(breadth=1.5)
 
@@ -114,10 +142,19 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
 @pytest.mark.parametrize(
     ("changed", "sentence"),
     [
-        ({"rms_slope": 0.01}, r"E\*ξ/σ_Y is 2.308, but the map .* from 3 to 100, and it is not"),
+        (
+            {"rms_slope": 0.01},
+            r"E\*ξ/σ_Y is 2.308, but the map .* from 3 to 100, and it is not",
+        ),
         ({"poisson_ratio": 0.49}, "nu is 0.49, but the map"),
-        ({"mean_pressure": 0.0029e9}, "p0/σ_Y is 0.0029, but the map .* from 0.003 to 2"),
-        ({"rms_slope": 0.014, "mean_pressure": 2e9}, "follows the load and not the material"),
+        (
+            {"mean_pressure": 0.0029e9},
+            "p0/σ_Y is 0.0029, but the map .* from 0.003 to 2",
+        ),
+        (
+            {"rms_slope": 0.014, "mean_pressure": 2e9},
+            "follows the load and not the material",
+        ),
         ({"yield_stress": math.inf}, "yield_stress is inf, but must be a positive"),
         ({"rms_slope": "steep"}, "rms_slope is 'steep', but must be a positive"),
         ({"poisson_ratio": None}, "poisson_ratio is None, but must be a number"),
@@ -129,8 +166,14 @@ def test_nothing_is_extrapolated(changed, sentence):
 
 
 def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
-    """c/c(.1) of J2 bodies by `laboratory.light_loads`; 30 is of surfaces that taught nothing."""
-    measured = {15: (0.935, 0.858, 0.758), 50: (0.947, 0.863, 0.755), 30: (0.924, 0.867, 0.759)}
+    """c/c(.1) of J2 bodies by `laboratory.light_loads`; 30 is of surfaces that taught
+    nothing.
+    """
+    measured = {
+        15: (0.935, 0.858, 0.758),
+        50: (0.947, 0.863, 0.755),
+        30: (0.924, 0.867, 0.759),
+    }
     for severity, falls in measured.items():
         slope = severity * 1e9 / (210e9 / 0.91)
         heavy = at(rms_slope=slope, mean_pressure=0.1e9, breadth=4)
@@ -144,7 +187,9 @@ def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
     # Steel of 600 MPa at 10 MPa; the map's own lightest load is met without a jump.
     steel = at(yield_stress=0.6e9, mean_pressure=10e6, breadth=16)
     assert 1.1e9 < steel.interval[0] < steel.value < steel.interval[1] < 2.0e9
-    assert at(mean_pressure=0.0999999e9).ratio == pytest.approx(at(mean_pressure=0.1e9).ratio)
+    assert at(mean_pressure=0.0999999e9).ratio == pytest.approx(
+        at(mean_pressure=0.1e9).ratio
+    )
 
 
 def test_the_command_prints_what_the_function_finds():
@@ -174,10 +219,19 @@ def test_a_case_may_take_its_hardness_from_the_map(write_case, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ('hardness = "effective"', "yield_stress is inf, but must be a positive number in Pa"),
+        (
+            'hardness = "effective"',
+            "yield_stress is inf, but must be a positive number in Pa",
+        ),
         ('hardness = "efective"', "valid number or be 'effective'"),
-        ("yield_stress = 2.0e9", "yield_stress and no hardness, at which persson flows"),
-        (EFFECTIVE[1] + LAYER, r"for deep bodies, .* 0\.0001 m and the period 0\.001 m"),
+        (
+            "yield_stress = 2.0e9",
+            "yield_stress and no hardness, at which persson flows",
+        ),
+        (
+            EFFECTIVE[1] + LAYER,
+            r"for deep bodies, .* 0\.0001 m and the period 0\.001 m",
+        ),
     ],
 )
 def test_a_case_that_has_no_hardness_is_refused(write_case, words, sentence):
@@ -189,15 +243,22 @@ def test_only_rough_surfaces_have_a_hardness_of_the_map(tmp_path):
     punch = (CASES / "punch-capped-light.toml").read_text(encoding="utf-8")
     path = tmp_path / "punch-capped-light.toml"
     path.write_text(punch.replace("hardness = 1.0e9", EFFECTIVE[1]), encoding="utf-8")
-    with pytest.raises(InvalidCase, match="rough surfaces only, those of kind self_affine"):
+    with pytest.raises(
+        InvalidCase, match="rough surfaces only, those of kind self_affine"
+    ):
         load_case(path)
 
 
 def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path):
-    spectrum = ("energy_reduction = 0.536", 'energy_reduction = 0.536\nspectrum = "surface"')
+    spectrum = (
+        "energy_reduction = 0.536",
+        'energy_reduction = 0.536\nspectrum = "surface"',
+    )
     given = write_case(EFFECTIVE, spectrum)
     before, _, rest = given.read_text(encoding="utf-8").partition("[surface]")
-    recipe = '[surface]\nkind = "file"\npath = "map.npy"\nunit = 1.0\npixel_size = 1e-6\n'
+    recipe = (
+        '[surface]\nkind = "file"\npath = "map.npy"\nunit = 1.0\npixel_size = 1e-6\n'
+    )
     recipe += 'treatment = "refuse"\n'
     text = before + recipe + "optional = true\n\n" + rest[rest.index("[material]") :]
     given.write_text(text, encoding="utf-8")
@@ -213,14 +274,17 @@ def test_a_measured_map_has_the_hardness_of_its_own_slope(write_case, tmp_path):
         load_case(given)
 
 
-# --- the laboratory of the map --------------------------------------------------------------------
+# --- the laboratory of the map
+# --------------------------------------------------------------------
 
 
 def test_a_path_gives_the_hardness_that_a_single_load_gives():
     task = read_sweep("hardness-map-30", "fast").tasks[0]
     scene = task.case.scene(task.recipe)
     areas = measured_areas(task, task.method.solve(scene, task.case.options["fem"], 1))
-    assert (areas[["severity", "nodes", "waves", "depth"]] == [5.0, 12, 2, 1.0]).all(axis=None)
+    assert (areas[["severity", "nodes", "waves", "depth"]] == [5.0, 12, 2, 1.0]).all(
+        axis=None
+    )
     (light, _) = 1 / inverse_hardness(areas)[0]["inverse"]
     found = measured_hardness(replace(scene, load=Load(scene.load.path[0])))
     # One interpolates areas between the caps of the ladder, the other searches the cap.
@@ -235,28 +299,42 @@ BODIES = [
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_map_takes_off_the_grid_and_claims_what_is_left(order):
-    """Bodies whose cap of equal area is known have an error of an order in the spacing."""
+    """Bodies whose cap of equal area is known have an error of an order in the
+    spacing.
+    """
     rows, usual = [], {"nodes": 24, "waves": 4, "hurst": 0.8, "depth": 1.0, "steps": 10}
-    for kind, severity, seed, load in product(BODIES, (5, 15, 50), (1, 2), (0.1, 0.25, 0.5)):
+    for kind, severity, seed, load in product(
+        BODIES, (5, 15, 50), (1, 2), (0.1, 0.25, 0.5)
+    ):
         body = usual | kind | {"severity": severity, "poisson_ratio": 0.3, "load": load}
         exact = 0.4 + 0.02 * load + 0.2 / (1 + severity / 8)
         spacing, area = 6 * body["waves"] / body["nodes"], load * exact
         grid = 1 + 0.04 * (1 - area) * area**-0.25 * spacing**order
         other = 1.05 if body["hurst"] != 0.8 else 1.01 if body["steps"] == 40 else 1
-        body |= {"j2_area": area * (1 + 0.02 * (-1) ** seed) * grid * other, "seed": seed}
+        body |= {
+            "j2_area": area * (1 + 0.02 * (-1) ** seed) * grid * other,
+            "seed": seed,
+        }
         for cap in (*LADDER, math.inf):
-            rows.append(body | {"cap": cap, "cap_area": min(1.0, load / cap) if cap > load else 1})
+            rows.append(
+                body
+                | {"cap": cap, "cap_area": min(1.0, load / cap) if cap > load else 1}
+            )
     found = mapped(pd.DataFrame(rows))
     # Shorter steps change all places by 1 %, which is taken off.
     exact = 1.01 * (0.4 + 0.02 * found["load"] + 0.2 / (1 + found["severity"] / 8))
     # Errors of second and of first order are at the two ends of what is doubted.
     left = np.abs(found["inverse_hardness"] / exact - 1)
     np.testing.assert_allclose(CAUTION * left, found["grid_error"], atol=5e-3)
-    # Two surfaces, 2 % from their mean: 2.8 % of scatter, twice that over the root of two.
+    # Two surfaces, 2 % from their mean: 2.8 % of scatter, twice that over the root of
+    # two.
     np.testing.assert_allclose(found[["scatter", "statistical_error"]], 0.04, rtol=0.05)
     np.testing.assert_allclose(found["steps_error"], 0.005, rtol=0.1)
     np.testing.assert_allclose(found["depth_error"], 0, atol=1e-12)
-    for kind, sentence in (("depth", "in depth alone; solve"), ("seed", "has one surface, but")):
+    for kind, sentence in (
+        ("depth", "in depth alone; solve"),
+        ("seed", "has one surface, but"),
+    ):
         with pytest.raises(InvalidCase, match=sentence):
             mapped(pd.DataFrame([row for row in rows if row[kind] != 2]))
 

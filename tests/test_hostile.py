@@ -1,4 +1,5 @@
-"""A verdict never says that all is well when a solver, a case or the machine misbehaves.
+"""A verdict never says that all is well when a solver, a case or the machine
+misbehaves.
 
 The solvers are those of hostile.py, each in a process of its own as with `--solver`.
 """
@@ -42,20 +43,27 @@ from epcontact.scene import Body, Load, Material, Scene, Surface
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
-    ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "a guess"'),
+    (
+        'of = "bem"\nagainst = "persson"',
+        'of = "persson"\nagainst = 0.1\nsource = "a guess"',
+    ),
     ("tolerance = 0.5", "tolerance = 10.0"),
 )
 SURFACE = SMALL_CASE[SMALL_CASE.index("[surface]") : SMALL_CASE.index("[material]")]
 WAVE = '[surface]\nkind = "sinusoid"\nperiod = 1e-3\nshape = [64]\namplitude = 1e-7\n\n'
 GATE = SMALL_CASE[SMALL_CASE.index("\n[[gate]]") :]
 ANSWER = ContactResult(
-    "persson", (LoadStep(5e8, {"corrected": Areas(0.1, 0.1, 0.0)}),), Provenance("digest")
+    "persson",
+    (LoadStep(5e8, {"corrected": Areas(0.1, 0.1, 0.0)}),),
+    Provenance("digest"),
 )
 
 
 @pytest.fixture
 def verified(write_case, tmp_path, monkeypatch):
-    """Verify two cases of the theory, which gives one answer, or error, after the other."""
+    """Verify two cases of the theory, which gives one answer, or error, after the
+    other.
+    """
     cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
     def run(answers):
@@ -71,7 +79,10 @@ def verified(write_case, tmp_path, monkeypatch):
     [
         (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
         (MemoryError(), "not enough memory"),
-        (ValueError("bell \a, NUL \0, half \udc80"), r"bell \x07, NUL \x00, half \udc80"),
+        (
+            ValueError("bell \a, NUL \0, half \udc80"),
+            r"bell \x07, NUL \x00, half \udc80",
+        ),
         (replace(ANSWER, converged=False), "not converged"),
     ],
 )
@@ -86,13 +97,21 @@ def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sen
 
 
 @pytest.mark.parametrize(("name", "status"), [("persson", "error"), ("bem", "holds")])
-def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(write_case, name, status):
+def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(
+    write_case, name, status
+):
     good = Answer((ANSWER,), ("single",))
-    given = {"persson": good, "bem": good} | {name: Answer(errors=(f"{name}, single: stalled",))}
+    given = {"persson": good, "bem": good} | {
+        name: Answer(errors=(f"{name}, single: stalled",))
+    }
     judged = judge_case(load_case(write_case(*THEORY)), given)
     assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
-    item.number, item.parent, item.user_properties = 0, SimpleNamespace(verdict=judged), []
+    item.number, item.parent, item.user_properties = (
+        0,
+        SimpleNamespace(verdict=judged),
+        [],
+    )
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()
 
@@ -116,18 +135,23 @@ def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path):
 @pytest.mark.parametrize(("error", "code"), [(0.5, 0), (1.0, 1), (float("nan"), 1)])
 def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code):
     monkeypatch.setattr(planning, "achieved_error", lambda *_: error)
-    path = write_case(("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4"))
+    path = write_case(
+        ("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4")
+    )
     done = CliRunner().invoke(plan, [str(path), "--tolerance", "90%", "--check"])
     assert done.exit_code == code, done.output
     assert ("was broken" in done.output) == (code == 1)
 
 
-# --- foreign solvers -----------------------------------------------------------------------------
+# --- foreign solvers
+# -----------------------------------------------------------------------------
 
 
 @pytest.fixture
 def scene():
-    """A wave that is pressed flat; its exact pressure is that of hostile.full_contact."""
+    """A wave that is pressed flat; its exact pressure is that of
+    hostile.full_contact.
+    """
     heights = 1e-7 * np.cos(2 * np.pi * np.arange(32) / 32)
     return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
 
@@ -137,20 +161,47 @@ def scene():
     [
         ("hostile:exits_with_success", "ended with exit code 0 and gave no answer"),
         ("hostile:raises_system_exit", "raised SystemExit: 0"),
-        ("hostile:breaks_memory", "was killed by SIGSEGV (invalid memory access) and gave no"),
-        ("hostile:is_killed", "was killed by SIGKILL (most likely for want of memory) and gave no"),
+        (
+            "hostile:breaks_memory",
+            "was killed by SIGSEGV (invalid memory access) and gave no",
+        ),
+        (
+            "hostile:is_killed",
+            "was killed by SIGKILL (most likely for want of memory) and gave no",
+        ),
         ("hostile:has_no_memory", "raised not enough memory"),
-        ("hostile:divides_by_zero", "raised ZeroDivisionError: integer division or modulo by zero"),
+        (
+            "hostile:divides_by_zero",
+            "raised ZeroDivisionError: integer division or modulo by zero",
+        ),
         ("hostile:returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
         ("hostile:returns_another_grid", "returned the field pressure of shape (3,)"),
-        ("hostile:has_no_steps", "raised ValueError: a ContactResult needs at least one load step"),
-        ("hostile:returns_a_list", "returned a ContactResult that cannot be read (TypeError"),
-        ("hostile:has_saved_work", "returned fft_pairs -1, but costs are numbers from 0 up to inf"),
-        ("hostile:answers_twice", "at [1000000000.0, 1000000000.0] Pa, but the scene has loads at"),
+        (
+            "hostile:has_no_steps",
+            "raised ValueError: a ContactResult needs at least one load step",
+        ),
+        (
+            "hostile:returns_a_list",
+            "returned a ContactResult that cannot be read (TypeError",
+        ),
+        (
+            "hostile:has_saved_work",
+            "returned fft_pairs -1, but costs are numbers from 0 up to inf",
+        ),
+        (
+            "hostile:answers_twice",
+            "at [1000000000.0, 1000000000.0] Pa, but the scene has loads at",
+        ),
         ("hostile:names_a_number", "returned a field named 1, but names are letters"),
         ("hostile:is_unsure", "returned converged yes, but it is 0 or 1"),
-        ("hostile:is_far_off", "returned gap nan, but residuals are numbers from 0 up to 1"),
-        ("hostile:presses_infinitely", "returned pressure is infinite or NaN at a point"),
+        (
+            "hostile:is_far_off",
+            "returned gap nan, but residuals are numbers from 0 up to 1",
+        ),
+        (
+            "hostile:presses_infinitely",
+            "returned pressure is infinite or NaN at a point",
+        ),
         ("false {scene} {result}", "returned a command that ended with exit code 1"),
         ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
         ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
@@ -160,8 +211,12 @@ def scene():
         (f"pressure {32 * '1 '} 3 converged 1", "'3' in the place of one of"),
     ],
 )
-def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, sentence):
-    if solver.startswith(("converged", "pressure")):  # a command that writes this as its result
+def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(
+    scene, solver, sentence
+):
+    if solver.startswith(
+        ("converged", "pressure")
+    ):  # a command that writes this as its result
         solver = f"sh -c 'echo epcontact-result 1 {solver} > {{result}} # {{scene}}'"
     with pytest.raises(InvalidCase) as refused:
         foreign.solve("mine", solver, scene, limit=60)
@@ -170,12 +225,20 @@ def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(scene, solver, s
 
 
 def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
-    """Whatever it reports or its process computes, and however Fortran writes its numbers."""
+    """Whatever it reports or its process computes, and however Fortran writes its
+    numbers.
+    """
     found = foreign.solve("mine", "hostile:invents_its_path", scene)
-    assert found.final.areas["corrected"] == found.final.areas["raw"] == Areas(1.0, 1.0, 0.0)
+    assert (
+        found.final.areas["corrected"]
+        == found.final.areas["raw"]
+        == Areas(1.0, 1.0, 0.0)
+    )
     assert carried_pressure(found.distribution) == pytest.approx(1e9, rel=1e-3)
     assert "stiffness_loading" not in found.final.quantities
-    flowing = fem_check.solve(rough_scene(8, 2), certified=False)  # of J2, which no cap bounds
+    flowing = fem_check.solve(
+        rough_scene(8, 2), certified=False
+    )  # of J2, which no cap bounds
     given = foreign._by_its_pressures(flowing, rough_scene(8, 2))
     own, same = (vars(one.final.areas["raw"]) for one in (flowing, given))
     assert same == pytest.approx(own, abs=1e-12)
@@ -194,26 +257,43 @@ def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
             foreign.result_of_text(f"epcontact-result 1 {text}", (1,))
     with pytest.raises(InvalidCase, match="a field named ''"):
         foreign._checked(hostile.leaves_no_name(scene), scene)
-    springs = np.where(heights >= np.sort(heights, axis=None)[-3], 1e9, 0.0)  # all contact flows
-    rough = Scene(Surface(heights, (1e-3, 1e-3)), Material(2e11, 0.3, 1e9), Load(springs.mean()))
+    springs = np.where(
+        heights >= np.sort(heights, axis=None)[-3], 1e9, 0.0
+    )  # all contact flows
+    rough = Scene(
+        Surface(heights, (1e-3, 1e-3)), Material(2e11, 0.3, 1e9), Load(springs.mean())
+    )
     with pytest.raises(NotConverged, match="open points lie below plastic ones"):
         result_of(rough, {"pressure": springs}, "springs")
 
 
 @pytest.mark.parametrize("loads", ["5e8, 1e9, 5e8", "5e8, 0.0, 1e9, 1.1e9, 0.0"])
-def test_every_load_of_a_path_is_that_of_the_pressures_alone(write_case, tmp_path, loads):
-    """Whatever a solver invents; what flow has left comes from the loads before, as in `bem`."""
+def test_every_load_of_a_path_is_that_of_the_pressures_alone(
+    write_case, tmp_path, loads
+):
+    """Whatever a solver invents; what flow has left comes from the loads before, as in
+    `bem`.
+    """
     path = ("mean_pressure = 5.0e8", f"mean_pressure = [{loads}]"), ("[3, 5, 7]", "[3]")
-    alone = ('"persson", "bem"', '"bem"'), ('against = "persson"', 'against = 0\nsource = "-"')
+    alone = (
+        ('"persson", "bem"', '"bem"'),
+        ('against = "persson"', 'against = 0\nsource = "-"'),
+    )
     case = load_case(write_case(*path, *alone))
-    (judged,) = verify([case], solver="hostile:invents_its_path", output=tmp_path, jobs=1).cases
+    (judged,) = verify(
+        [case], solver="hostile:invents_its_path", output=tmp_path, jobs=1
+    ).cases
     (found,) = judged.answers["invents_its_path"].results
-    (wrong,) = verify([case], solver="hostile:errs_at_the_first_load", output=tmp_path).cases
+    (wrong,) = verify(
+        [case], solver="hostile:errs_at_the_first_load", output=tmp_path
+    ).cases
     failed = [{g.quantity for g in c.gates[1:] if not g.holds} for c in (judged, wrong)]
     assert (failed[0], "quantity.measured_gap" in failed[1]) == (set(), True)
     assert "wear: the solver's word, which nothing here checks" in found.notes
     own = bem.solve(case.scene(case.recipes[0]))
-    assert found.cost["fft_pairs"] > 1.5 * own.cost["fft_pairs"]  # of the loads before, too
+    assert (
+        found.cost["fft_pairs"] > 1.5 * own.cost["fft_pairs"]
+    )  # of the loads before, too
     for mine, step in zip(found.steps, own.steps, strict=True):
         for kind, areas in step.areas.items():
             assert vars(mine.areas[kind]) == pytest.approx(vars(areas), abs=1e-6)
@@ -232,7 +312,10 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
     right = foreign.solve("mine", "hostile:prints", scene, 1e300)
     exact = hostile.full_contact(scene).fields["pressure"]
     np.testing.assert_array_equal(right.fields["pressure"], exact)
-    assert (right.method, right.provenance.options["solver"]) == ("mine", "hostile:prints")
+    assert (right.method, right.provenance.options["solver"]) == (
+        "mine",
+        "hostile:prints",
+    )
 
 
 def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch):
@@ -245,7 +328,9 @@ def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkey
         child.call(os._exit, 3)
     with pytest.raises(ChildDied, match="was not finished within 3 s and was ended"):
         child.call(hostile.hangs, None, limit=3)
-    assert not any(alive(int(pid)) for pid in (first, *Path("pids").read_text().split()))
+    assert not any(
+        alive(int(pid)) for pid in (first, *Path("pids").read_text().split())
+    )
     assert child.call(os.getpid) != first
     child.end()
     with pytest.raises(ChildDied, match="was ended"):
@@ -254,7 +339,9 @@ def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkey
 
 def test_process_that_dies_costs_its_own_task_only():
     items = ["one", "dies", "two", "three"]
-    found = dict(spread(hostile.answers_or_dies, items, Processes(2, ["bem", "unknown"])))
+    found = dict(
+        spread(hostile.answers_or_dies, items, Processes(2, ["bem", "unknown"]))
+    )
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
     assert found == {"one": "ONE", "two": "TWO", "three": "THREE"}
 
@@ -268,7 +355,9 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
         "pool.submit(time.sleep, 3600); time.sleep(0.2); os.kill(os.getpid(), 9)\n"
     )
     command = [sys.executable, "-X", "dev", tmp_path / "script.py"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        command, check=False, capture_output=True, text=True, timeout=60
+    )
     (line,) = done.stdout.splitlines()
     gone = time.monotonic() + 20
     while any(alive(int(pid)) for pid in line.split()) and time.monotonic() < gone:
@@ -278,24 +367,44 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
-def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path, monkeypatch):
+def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(
+    tmp_path, monkeypatch
+):
     heights = np.array([[0.0, 0.5, -1.25], [3.0, 1e-9, 1 / 3]])
     metal = Material(2.5, 0.3, 11.0, 5.0)
     surface, body = Surface(heights, (2.0, 4.5)), Body("bonded_layer", 0.75)
     scene = Scene(surface, metal, Load((0.5, 4.0, 1.5, 2.5)), body)
     head, *rest = foreign.scene_text(scene).partition("heights\n")
     assert head.splitlines() == [
-        "epcontact-scene 1", "dimensions 2", "shape 2 3", "periods 2.0 4.5", "young_modulus 2.5",
-        "poisson_ratio 0.3", "hardness 11.0", "yield_stress 5.0", "body bonded_layer", "depth 0.75",
-        "loads 4", "0.5", "4.0", "1.5", "2.5"]  # fmt: skip
+        "epcontact-scene 1",
+        "dimensions 2",
+        "shape 2 3",
+        "periods 2.0 4.5",
+        "young_modulus 2.5",
+        "poisson_ratio 0.3",
+        "hardness 11.0",
+        "yield_stress 5.0",
+        "body bonded_layer",
+        "depth 0.75",
+        "loads 4",
+        "0.5",
+        "4.0",
+        "1.5",
+        "2.5",
+    ]
     assert [*map(float, rest[1].split())] == [*heights.flat]
     fields = "gap {} residual 1D-3 displacement {} converged 1 pressure {}"
     texts = (" ".join(map(repr, (heights + k).ravel().tolist())) for k in range(3))
     (tmp_path / "made").write_text(f"epcontact-result 1 {fields.format(*texts)}")
-    monkeypatch.setattr(sys, "stderr", Mock(write=Mock(side_effect=OSError)))  # it is full
+    monkeypatch.setattr(
+        sys, "stderr", Mock(write=Mock(side_effect=OSError))
+    )  # it is full
     words = ["sh", "-c", f"echo said >&2; cp '{tmp_path}/made' {{result}}"]
     read = foreign.answer_of_command(words, scene)
-    assert ([*scene.load.path], "sh") == ([s.mean_pressure for s in read.steps], read.method)
+    assert ([*scene.load.path], "sh") == (
+        [s.mean_pressure for s in read.steps],
+        read.method,
+    )
     for k, name in enumerate(("gap", "displacement", "pressure")):
         np.testing.assert_array_equal(read.fields[name], heights + k)
 
@@ -303,7 +412,10 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(tmp_path,
 def test_solver_in_c(scene, tmp_path):
     if not (compiler := shutil.which("cc") or shutil.which("gcc")):
         pytest.skip("there is no C compiler")
-    program, source = tmp_path / "full_contact", Path(__file__).with_name("full_contact.c")
+    program, source = (
+        tmp_path / "full_contact",
+        Path(__file__).with_name("full_contact.c"),
+    )
     subprocess.run([compiler, "-O2", "-o", program, source, "-lm"], check=True)
     command = f"{program} {{scene}} {{result}}"
     found = foreign.solve("c", command, scene)
@@ -314,22 +426,39 @@ def test_solver_in_c(scene, tmp_path):
         foreign.solve("c", command, replace(scene, load=Load(1e6)))
 
 
-# --- what is refused before anything is solved ---------------------------------------------------
+# --- what is refused before anything is solved
+# ---------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("solver", "changes", "sentence"),
     [
-        ("no-such-program {scene} {result}", (), "there is no program 'no-such-program'"),
+        (
+            "no-such-program {scene} {result}",
+            (),
+            "there is no program 'no-such-program'",
+        ),
         ("cat {scene}", (), "{scene} and {result} once each"),
         ("mine=hostile:absent", (), "cannot be imported (AttributeError"),
         ("mine=hostile", (), "MODULE:FUNCTION"),
         ("tamas", (), "did you mean 'tamaas'"),
         ("bem=my_solver:solve", (), "there is a method 'bem' already"),
         ("my/solver=my_solver:solve", (), "no name for a method"),
-        ("hostile:full_contact", THEORY, "_contact would judge nothing: it takes the place of bem"),
-        ("", (("[[gate]]", f"{GATE}\n[[gate]]"),), "there are 2 gates area.total.corrected of bem"),
-        ("", (("[[gate]]", f'{GATE}[[gate]]\nsizes = ["large"]'),), "size 'large', which the case"),
+        (
+            "hostile:full_contact",
+            THEORY,
+            "_contact would judge nothing: it takes the place of bem",
+        ),
+        (
+            "",
+            (("[[gate]]", f"{GATE}\n[[gate]]"),),
+            "there are 2 gates area.total.corrected of bem",
+        ),
+        (
+            "",
+            (("[[gate]]", f'{GATE}[[gate]]\nsizes = ["large"]'),),
+            "size 'large', which the case",
+        ),
         ("", ((SURFACE, WAVE),), "which takes that of the heights"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Identities between the parts of a result: an honest one holds them, a wrong one does not."""
+"""Identities between the parts of a result: an honest one holds them, a wrong one does
+not.
+"""
 
 import math
 from collections.abc import Callable
@@ -56,13 +58,18 @@ def too_large(name, number=-1):
 
 def shifted(name):
     """A field that is shifted against the others."""
-    return lambda r: replace(r, fields={**r.fields, name: np.roll(r.fields[name], 3, 0)})
+    return lambda r: replace(
+        r, fields={**r.fields, name: np.roll(r.fields[name], 3, 0)}
+    )
 
 
 def test_an_honest_result_holds_every_identity(honest):
     for name in ("areas", "figures", "fields", "distribution"):
-        # The open gap of an earlier load leaves out what the solver's tolerance lets overlap.
-        assert measured(f"measured_{name}", honest) < (1e-8 if name == "figures" else 1e-12)
+        # The open gap of an earlier load leaves out what the solver's tolerance lets
+        # overlap.
+        assert measured(f"measured_{name}", honest) < (
+            1e-8 if name == "figures" else 1e-12
+        )
     assert measured("distribution_balance", honest) < 0.05
     assert abs(measured("path_work", honest)) < 0.05
 
@@ -72,7 +79,10 @@ def test_an_honest_result_holds_every_identity(honest):
     [
         *(("measured_figures", too_large(name), 1e-5) for name in FIGURES),
         *(("measured_fields", shifted(name), 1e-2) for name in FIELDS),
-        *(("path_work", too_large("mean_separation", number), 1e-3) for number in range(3)),
+        *(
+            ("path_work", too_large("mean_separation", number), 1e-3)
+            for number in range(3)
+        ),
         ("measured_areas", lambda r: replace(r, steps=r.steps[::-1]), 0.1),
     ],
 )
@@ -100,19 +110,33 @@ def require(scores, result):
 
 def test_wrong_answers_get_their_known_scores(honest):
     areas = dict(honest.steps[0].areas) | {"corrected": Areas(0.5, 0.1, 0.1)}
-    assert measured("measured_areas", with_step(honest, 0, areas=areas)) == pytest.approx(0.3)
+    assert measured(
+        "measured_areas", with_step(honest, 0, areas=areas)
+    ) == pytest.approx(0.3)
     scores = {"force": 0.02, "bounds": 0.51, "fields": 0.53 * C / RMS, "carried": -0.75}
     require(scores, answer(pressure=1.02 * (1 + 1.5 * WAVE), displacement=C * WAVE))
-    scores = {"gap": 0.1 / RMS, "areas": 0.5, "fields": 1.0, "figures": 1.0, "distribution": 0.5}
+    scores = {
+        "gap": 0.1 / RMS,
+        "areas": 0.5,
+        "fields": 1.0,
+        "figures": 1.0,
+        "distribution": 0.5,
+    }
     require(scores, answer(pressure=np.ones(16), state=np.full(16, PLASTIC), **FLAT))
 
 
 def test_sign_of_the_gap_at_the_bounds():
-    """Without pressure nothing may stand above the flat, and under the hardness nothing below."""
+    """Without pressure nothing may stand above the flat, and under the hardness nothing
+    below.
+    """
     scene = replace(WAVY, load=Load(1e-5), material=Material(1.0, 0.0))
-    crest, valley = (answer(pressure=16e-5 * (np.arange(16) == place)) for place in (0, 8))
+    crest, valley = (
+        answer(pressure=16e-5 * (np.arange(16) == place)) for place in (0, 8)
+    )
     assert measured("measured_gap", crest, scene) < 0.1
-    assert measured("measured_gap", valley, scene) > 2.7  # the height of the wave: 2 sqrt(2)
+    assert (
+        measured("measured_gap", valley, scene) > 2.7
+    )  # the height of the wave: 2 sqrt(2)
     capped = replace(scene, material=Material(1.0, 0.0, hardness=16e-5))
     assert measured("measured_gap", valley, capped) > 2.7
 
@@ -132,19 +156,44 @@ def test_what_cannot_be_measured_is_refused_by_the_name_of_the_quantity(honest):
     first, second, last = honest.steps
     single = replace(SCENE, load=Load(0.012))
     back = replace(SCENE, load=Load((0.008, 0.01, 0.008)))
-    nothing = replace(first, areas=dict(first.areas) | {"corrected": Areas(0.0, 0.0, 0.0)})
+    nothing = replace(
+        first, areas=dict(first.areas) | {"corrected": Areas(0.0, 0.0, 0.0)}
+    )
     parted = replace(honest, steps=(nothing, second, replace(nothing)))
-    without, coarse = replace(honest, distribution=None, fields={}), answer(pressure=np.ones(4))
+    without, coarse = (
+        replace(honest, distribution=None, fields={}),
+        answer(pressure=np.ones(4)),
+    )
     for name, scene, wrong, sentence in (
-        ("path_work", single, replace(honest, steps=(last,)), "three mean pressures or more"),
-        ("path_work", back, replace(honest, steps=(first, second, first)), "energy that it began"),
+        (
+            "path_work",
+            single,
+            replace(honest, steps=(last,)),
+            "three mean pressures or more",
+        ),
+        (
+            "path_work",
+            back,
+            replace(honest, steps=(first, second, first)),
+            "energy that it began",
+        ),
         ("cycle_area", back, parted, "quantity.cycle_area: .*no contact before"),
         ("cycle_area", SCENE, honest, "not one that it had before"),
-        ("measured_areas", SCENE, replace(honest, steps=(first, second)), "2 load steps for 3"),
+        (
+            "measured_areas",
+            SCENE,
+            replace(honest, steps=(first, second)),
+            "2 load steps for 3",
+        ),
         ("distribution_balance", SCENE, without, "no pressure distribution"),
         ("measured_force", SCENE, without, "no field 'pressure'"),
         ("measured_force", SCENE, coarse, r"shape \(4,\) on a grid of \(16, 12\)"),
-        ("measured_residuals", SCENE, with_step(honest, -1, residuals={}), "residual gap_elastic"),
+        (
+            "measured_residuals",
+            SCENE,
+            with_step(honest, -1, residuals={}),
+            "residual gap_elastic",
+        ),
     ):
         with pytest.raises(InvalidCase, match=sentence):
             measured(name, wrong, scene)

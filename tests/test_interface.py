@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact import Body, InvalidCase, Load, Material, Scene, SelfAffineSpectrum, Surface, bem
+from epcontact import (
+    Body,
+    InvalidCase,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    bem,
+)
 from epcontact.harness.interface import (
     contact_conductance,
     interface_stiffness,
@@ -18,12 +27,18 @@ from epcontact.reference.posts import CAPPED_STRIP
 from epcontact.results import APART, ELASTIC
 from epcontact.surfaces import SelfAffine, residual_surface
 
-STRIPS = Scene(Surface(-0.001 * (np.arange(16) > 7), (1.0,)), Material(1.0, 0.0), Load(0.01))
-SPECTRUM = SelfAffineSpectrum(0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1)
+STRIPS = Scene(
+    Surface(-0.001 * (np.arange(16) > 7), (1.0,)), Material(1.0, 0.0), Load(0.01)
+)
+SPECTRUM = SelfAffineSpectrum(
+    0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1
+)
 ROUGH = SelfAffine(SPECTRUM, (1.0, 1.0), (64, 64), seed=31).build()
 
 
-@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.2)], ids=lambda b: b.kind)
+@pytest.mark.parametrize(
+    "body", [Body(), Body("bonded_layer", 0.2)], ids=lambda b: b.kind
+)
 def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
     """Finite differences over load changes that move no front are exact to 1e-6."""
     p, change = 0.005, 2e-6
@@ -34,7 +49,9 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
         return found.final.quantities["mean_separation"]
 
     at, here = bem.solve(scene, tolerance=1e-13), separation(p)
-    loading, unloading = (interface_stiffness(scene, at, b).raw for b in ("loading", "unloading"))
+    loading, unloading = (
+        interface_stiffness(scene, at, b).raw for b in ("loading", "unloading")
+    )
     up, down = separation(p * (1 + change)), separation(p, p * (1 - change))
     assert loading == pytest.approx(change * p / (here - up), rel=1e-6)
     assert unloading == pytest.approx(change * p / (down - here), rel=1e-6)
@@ -43,7 +60,9 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
 
 @pytest.mark.parametrize("hardness", [0.02, math.inf])
 def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
-    """Plastic spots conduct, too: the punch is solved as a contact, and its energy is p0 u/2."""
+    """Plastic spots conduct, too: the punch is solved as a contact, and its energy is
+    p0 u/2.
+    """
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness), Load(0.005))
     found = bem.solve(scene)
     flat = np.where(found.fields["state"] != APART, 0.0, -1e-3)
@@ -52,7 +71,9 @@ def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
     assert solved.final.areas["raw"].total == found.final.areas["raw"].total
     sinking = 2 * solved.final.quantities["elastic_energy"] / 1e-5
     expected = 2 * 1e-5 / sinking * (1 - 0.3**2) / 0.7  # 2 k/(E* rho)
-    assert contact_conductance(scene, found, 0.7).raw == pytest.approx(expected, rel=1e-8)
+    assert contact_conductance(scene, found, 0.7).raw == pytest.approx(
+        expected, rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -60,7 +81,9 @@ def test_a_straight_rim_is_corrected_to_the_second_order(turned):
     """On cells of any shape; what is left is .6 (dx over the strip's width)^2."""
     off = []
     for n in (32, 128, 512):
-        heights = np.repeat(np.where(np.arange(n) < 0.6 * n, 0.0, -1e-3)[:, None], n // 2, 1)
+        heights = np.repeat(
+            np.where(np.arange(n) < 0.6 * n, 0.0, -1e-3)[:, None], n // 2, 1
+        )
         surface = Surface(heights.T if turned else heights, (1.0, 1.0))
         scene = Scene(surface, Material(1.0, 0.0), Load(1e-5))
         exact = -math.pi / 2 / math.log(math.sin(math.pi / 2 * (heights == 0).mean()))
@@ -74,15 +97,21 @@ def test_a_straight_rim_is_corrected_to_the_second_order(turned):
 
 
 def test_the_elastic_middle_of_a_capped_strip_is_corrected():
-    """Where the plastic rim ends is known to a fraction of a point, as is the strip's own end."""
+    """Where the plastic rim ends is known to a fraction of a point, as is the strip's
+    own end.
+    """
     off = []
     for half_width in (0.21, 0.25, 0.29, 0.33):
-        heights = np.where(np.abs(np.arange(2048) / 2048 - 0.5) < half_width, 0.0, -5e-3)
+        heights = np.where(
+            np.abs(np.arange(2048) / 2048 - 0.5) < half_width, 0.0, -5e-3
+        )
         scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0, 1e-3), Load(3e-4))
         found = bem.solve(scene)
         for branch in ("loading", "unloading"):
             exact = CAPPED_STRIP.scalar(f"quantity.stiffness_{branch}", scene)
-            off.append(np.array(interface_stiffness(scene, found, branch)) / exact - (1, 1, 0))
+            off.append(
+                np.array(interface_stiffness(scene, found, branch)) / exact - (1, 1, 0)
+            )
     corrected, raw, claimed = np.abs(off).T
     assert np.abs(corrected).max() < 0.4 * raw.max()
     assert (corrected < claimed).all()
@@ -104,22 +133,33 @@ def test_limits_know_no_units_and_no_axes():
 
 
 def test_claims_cover_the_errors_of_limits():
-    """At four points a shortest wave, on seeds that no constant has seen; a tenth would not."""
+    """At four points a shortest wave, on seeds that no constant has seen; a tenth would
+    not.
+    """
     rows = []
     for seed in range(500, 512):
         hardness = (0.02, 0.05, math.inf)[seed % 3]
         results = []
         for n in (48, 192):
             surface = SelfAffine(
-                replace(SPECTRUM, wavenumber_high=24 * math.pi), (1.0, 1.0), (n, n), seed
+                replace(SPECTRUM, wavenumber_high=24 * math.pi),
+                (1.0, 1.0),
+                (n, n),
+                seed,
             )
             scene = Scene(surface.build(), Material(1.0, 0.3, hardness), Load(0.004))
             result = bem.solve(scene, threads=1)
             names = ("conductance", "stiffness_loading", "contact_percolation")
-            kinds = [f"quantity.{name}{kind}" for name in names for kind in ("", ".raw", ".error")]
+            kinds = [
+                f"quantity.{name}{kind}"
+                for name in names
+                for kind in ("", ".raw", ".error")
+            ]
             results.append(measure_all(kinds, scene, result))
         coarse, fine = (np.array([*each.values()]).reshape(3, 3) for each in results)
-        rows.append(np.column_stack([abs(coarse[:, :2].T - fine[:, 0]).T, coarse[:, 2]]))
+        rows.append(
+            np.column_stack([abs(coarse[:, :2].T - fine[:, 0]).T, coarse[:, 2]])
+        )
     error, raw, claimed = np.array(rows).transpose(2, 1, 0)
     assert ((error <= claimed).mean(1) >= 0.8).all()
     assert ((error <= claimed / 10).mean(1) <= 0.5).all()
@@ -137,7 +177,11 @@ def test_what_can_carry_nothing_or_everything_and_what_is_refused():
     layer = replace(STRIPS, body=Body("sliding_layer", 1.0))
     for function, arguments, sentence in (
         (interface_stiffness, (STRIPS, full, "up"), "branch is 'up'"),
-        (interface_stiffness, (STRIPS, replace(full, fields={}), "loading"), "no field 'state'"),
+        (
+            interface_stiffness,
+            (STRIPS, replace(full, fields={}), "loading"),
+            "no field 'state'",
+        ),
         (contact_conductance, (STRIPS, full, -1.0), "resistivity is -1"),
         (contact_conductance, (layer, full, 0.5), "half-spaces, not of a layer"),
     ):
@@ -150,11 +194,17 @@ def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(touching):
     """Rows of points that are all alike need no other pressure, and no iteration."""
     state = np.full((32, 16), APART)
     state[touching] = ELASTIC
-    scene = Scene(Surface(np.zeros((32, 16)), (1.0, 1.0)), Material(1.0, 0.0), Load(0.01))
+    scene = Scene(
+        Surface(np.zeros((32, 16)), (1.0, 1.0)), Material(1.0, 0.0), Load(0.01)
+    )
     found = replace(bem.solve(scene), fields={"state": state})
     modes = np.abs(np.fft.rfft(state[:, 0] / state[:, 0].mean()) / 32) ** 2
-    sinking = 2 * modes[1:-1] @ (1 / (np.pi * np.arange(1, 16))) + modes[16] / (np.pi * 16)
-    assert interface_stiffness(scene, found, "loading").raw == pytest.approx(1 / sinking, rel=1e-9)
+    sinking = 2 * modes[1:-1] @ (1 / (np.pi * np.arange(1, 16))) + modes[16] / (
+        np.pi * 16
+    )
+    assert interface_stiffness(scene, found, "loading").raw == pytest.approx(
+        1 / sinking, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,7 +227,9 @@ def test_patches_join_over_the_period(rows, areas, spans):
 
 
 def test_patches_that_join_over_their_corners_leave_no_way_around_them():
-    """What joins over sides and corners percolates where the rest, over its sides, does not."""
+    """What joins over sides and corners percolates where the rest, over its sides, does
+    not.
+    """
     for seed in range(20):
         mask = np.random.default_rng(seed).uniform(size=(6, 8)) < 0.45
         apart = patches(~mask)
@@ -186,7 +238,9 @@ def test_patches_that_join_over_their_corners_leave_no_way_around_them():
 
 
 def test_what_has_flowed_percolates_in_the_order_of_its_depth():
-    """An unloaded contact percolates like the elastic one on the surface that it has left."""
+    """An unloaded contact percolates like the elastic one on the surface that it has
+    left.
+    """
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
     unloaded = bem.solve(scene, threads=1)
     elastic = Scene(residual_surface(ROUGH, unloaded), Material(1.0, 0.3), Load(0.001))
@@ -195,12 +249,16 @@ def test_what_has_flowed_percolates_in_the_order_of_its_depth():
         assert measure(name, scene, unloaded) == pytest.approx(expected, abs=2 / 64**2)
     # In the order of their rows, all of which flow, points would connect at 1/64.
     full = replace(scene, load=Load(0.0299))
-    assert measure("quantity.contact_percolation", full, bem.solve(full, threads=1)) > 0.2
+    assert (
+        measure("quantity.contact_percolation", full, bem.solve(full, threads=1)) > 0.2
+    )
 
 
 def test_percolation_shares_of_a_line_and_of_noise():
-    """On independent sites of a square lattice joined over their sides the threshold is .5927, and
-    over their corners as well it is 1 - .5927, so that no limit is nearer than .5 is to both."""
+    """On independent sites of a square lattice joined over their sides the threshold is
+    .5927, and over their corners as well it is 1 - .5927, so that no limit is nearer
+    than .5 is to both.
+    """
     line = np.arange(8.0)  # connects only if all of it touches
     assert percolation_share(line) == (1, 1, 0)
     assert not patches(np.arange(8) > 0).spans

@@ -1,7 +1,8 @@
-"""Results of the large cases, run by hand and kept, are whole and hold the gates of their cases.
+"""Results of the large cases, run by hand and kept, are whole and hold the gates of
+their cases.
 
-They are this package's own: `epcontact run CASE --size large` makes each of them again as
-`results/CASE/large/METHOD.json`; here that file has one entry a line.
+They are this package's own: `epcontact run CASE --size large` makes each of them again
+as `results/CASE/large/METHOD.json`; here that file has one entry a line.
 """
 
 import json
@@ -28,7 +29,9 @@ def test_kept_results_are_of_their_case_and_hold_its_gates(name):
     answers = {}
     for data in (data for data in KEPT if data["case"] == name):
         results = tuple(ContactResult.from_json(member) for member in data["members"])
-        assert [r.provenance.scene for r in results] == [case.digest(r) for r in case.recipes]
+        assert [r.provenance.scene for r in results] == [
+            case.digest(r) for r in case.recipes
+        ]
         assert all(r.converged for r in results)
         residual = {"bem": "gap_elastic", "fem": "balance"}[data["method"]]
         assert max(r.final.residuals[residual] for r in results) <= 1e-8

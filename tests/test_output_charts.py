@@ -1,4 +1,6 @@
-"""Charts: the numbers drawn are the numbers given, and the pictures are fit to be read."""
+"""Charts: the numbers drawn are the numbers given, and the pictures are fit to be
+read.
+"""
 
 import csv
 import io
@@ -43,7 +45,8 @@ PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
 def table_of(**series):
     """One row a point of the series, each given as its costs and errors."""
     return pd.concat(
-        pd.DataFrame({"series": name, "cost_s": x, "error": y}) for name, (x, y) in series.items()
+        pd.DataFrame({"series": name, "cost_s": x, "error": y})
+        for name, (x, y) in series.items()
     )
 
 
@@ -53,20 +56,28 @@ def lines_of(table, **changes):
 
 
 def answer(method, scale):
-    table = PressureDistribution(SIGMA, scale * np.sin(SIGMA / 3e11 * np.pi) ** 2, scale)
+    table = PressureDistribution(
+        SIGMA, scale * np.sin(SIGMA / 3e11 * np.pi) ** 2, scale
+    )
     step = LoadStep(1.25e10, {}, quantities={"diffusion": 4.2e21})
     return ContactResult(method, (step,), Provenance("x"), table)
 
 
 def make_map(kind):
-    """One round contact away from the middle: from above, against another, in profile."""
+    """One round contact away from the middle: from above, against another, in
+    profile.
+    """
     shape = (80,) if kind == "profile" else (60, 90)
     around = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
     top = 0.06 - sum((a - c) ** 2 for a, c in zip(around, (0.3, 0.6), strict=False))
     pressure = np.clip(top * 5e12, 0, 1.5e11)
-    state = np.where(pressure >= 1.5e11, PLASTIC, np.where(pressure > 0, ELASTIC, APART))
+    state = np.where(
+        pressure >= 1.5e11, PLASTIC, np.where(pressure > 0, ELASTIC, APART)
+    )
     if kind == "profile":
-        return maps.contact_profile(state, pressure, np.maximum(-1e-6 * top, 0), (1e-6,))
+        return maps.contact_profile(
+            state, pressure, np.maximum(-1e-6 * top, 0), (1e-6,)
+        )
     if kind == "difference":
         return maps.pressure_difference(pressure, 0.98 * pressure, SPACING)
     return maps.contact_map(state, pressure, SPACING, hardness=1.5e11)
@@ -80,37 +91,66 @@ AXES = (np.linspace(0.04, 0.67, 7), np.geomspace(0.2, 1.2, 5))
 def make_stability():
     labels = ("mean pressure / hardness (–)", "hardness / (E* slope) (–)")
     methods = {"newton": EFFORT, "polonsky-keer": 3 * EFFORT}
-    return maps.stability_map(methods, *AXES, labels=labels, count="FFT pairs", caption="Map.")
+    return maps.stability_map(
+        methods, *AXES, labels=labels, count="FFT pairs", caption="Map."
+    )
 
 
 def make_distribution():
-    found = {"persson": [answer("persson", 0.06)], "bem": [answer("bem", a) for a in (0.02, 0.1)]}
+    found = {
+        "persson": [answer("persson", 0.06)],
+        "bem": [answer("bem", a) for a in (0.02, 0.1)],
+    }
     theory = theory_densities(found, HARDNESS)
     return curves.pressure_distribution(found, hardness=HARDNESS, theory=theory)
 
 
 def make_curves():
-    """Axes of little more than a decade, where matplotlib labels minor ticks; bounds; uprights."""
+    """Axes of little more than a decade, where matplotlib labels minor ticks; bounds;
+    uprights.
+    """
     q = np.geomspace(3, 60, 6)
     table = table_of(bem=(q, 1 / q), analytic=(q, 1 / q), limit=([60], [0.1]))
     bounds = {"error_low": 0.9 * table["error"], "error_high": 1.1 * table["error"]}
-    styles, upright = {"analytic": "curve", "limit": "open"}, {"first": 4.0, "last": 50.0}
-    return draw_table(table.assign(**bounds), replace(PLOT, styles=styles, upright=upright), "Two.")
+    styles, upright = (
+        {"analytic": "curve", "limit": "open"},
+        {"first": 4.0, "last": 50.0},
+    )
+    return draw_table(
+        table.assign(**bounds), replace(PLOT, styles=styles, upright=upright), "Two."
+    )
 
 
 def make_front():
     """A front that has neither curves nor points behind an exact one."""
-    table = table_of(a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01]))
+    table = table_of(
+        a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01])
+    )
     plot = replace(PLOT, front=True, orders=["b"], styles={"flat": "curve"})
     return draw_table(table, plot, "The front.")
 
 
 def make_bounds():
     """With points, ticks, guides and labels, in other units than those of the table."""
-    table = pd.DataFrame({"series": "a", "x": [1.0, 2.0], "y": [3.0, 5.0],
-                          "y_low": [2.0, np.nan], "y_high": [3.5, 7.0]})  # fmt: skip
-    plot = Plot(("x", "x (mm)"), ("y", "y (kPa)"), scale=(0.5, 4.0), ticks=(2, 3.5), level=1.5,
-                upright={"peak": 3.0}, labels={"a": "b"}, limits={"ylim": (0, 2)})  # fmt: skip
+    table = pd.DataFrame(
+        {
+            "series": "a",
+            "x": [1.0, 2.0],
+            "y": [3.0, 5.0],
+            "y_low": [2.0, np.nan],
+            "y_high": [3.5, 7.0],
+        }
+    )
+    plot = Plot(
+        ("x", "x (mm)"),
+        ("y", "y (kPa)"),
+        scale=(0.5, 4.0),
+        ticks=(2, 3.5),
+        level=1.5,
+        upright={"peak": 3.0},
+        labels={"a": "b"},
+        limits={"ylim": (0, 2)},
+    )
     return draw_table(table, plot, "Bounds.")
 
 
@@ -128,13 +168,17 @@ MAKERS = {
 
 
 def misplaced(figure, monkeypatch):
-    """Texts that are cut off and pairs that overlap; one pixel is the rounding of the layout."""
+    """Texts that are cut off and pairs that overlap; one pixel is the rounding of the
+    layout.
+    """
     boxes: list[tuple[str, Any]] = []
     draw = mpl.text.Text.draw
 
     def recording(self, renderer):  # of the texts that are really drawn
         if self.get_visible() and self.get_text().strip():
-            boxes.append((self.get_text(), self.get_window_extent(renderer).padded(-0.5)))
+            boxes.append(
+                (self.get_text(), self.get_window_extent(renderer).padded(-0.5))
+            )
         draw(self, renderer)
 
     with monkeypatch.context() as patch:
@@ -142,23 +186,42 @@ def misplaced(figure, monkeypatch):
         figure.canvas.draw()
     assert len(boxes) > 5
     page = figure.bbox.padded(0.5)
-    outside = [(t,) for t, b in boxes if not np.all((page.min <= b.min) & (b.max <= page.max))]
+    outside = [
+        (t,) for t, b in boxes if not np.all((page.min <= b.min) & (b.max <= page.max))
+    ]
     pairs = itertools.combinations(boxes, 2)
-    return outside + [(one, two) for (one, first), (two, second) in pairs if first.overlaps(second)]
+    return outside + [
+        (one, two) for (one, first), (two, second) in pairs if first.overlaps(second)
+    ]
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_a_chart_can_be_read_and_is_the_same_four_files_again(name, tmp_path, monkeypatch):
+def test_a_chart_can_be_read_and_is_the_same_four_files_again(
+    name, tmp_path, monkeypatch
+):
     chart = MAKERS[name]()
-    labels = {a for each in chart.figure.axes for a in (each.get_xlabel(), each.get_ylabel())}
-    assert all(re.search(r"\(.+\)", label) for label in labels - {""}), "an axis has no unit"
+    labels = {
+        a for each in chart.figure.axes for a in (each.get_xlabel(), each.get_ylabel())
+    }
+    assert all(re.search(r"\(.+\)", label) for label in labels - {""}), (
+        "an axis has no unit"
+    )
     assert misplaced(chart.figure, monkeypatch) == []
     ticks = [
-        axis.get_ticklabels() for each in chart.figure.axes for axis in each._axis_map.values()
+        axis.get_ticklabels()
+        for each in chart.figure.axes
+        for axis in each._axis_map.values()
     ]
     ticks = [" ".join(tick.get_text() for tick in each) for each in ticks]
-    same_as_read([*lines_of_chart(name, chart), *ticks], f"chart-{name.split()[-1]}.txt", tmp_path)
-    paths, again = chart.save(tmp_path / "a" / name), MAKERS[name]().save(tmp_path / "b" / name)
+    same_as_read(
+        [*lines_of_chart(name, chart), *ticks],
+        f"chart-{name.split()[-1]}.txt",
+        tmp_path,
+    )
+    paths, again = (
+        chart.save(tmp_path / "a" / name),
+        MAKERS[name]().save(tmp_path / "b" / name),
+    )
     assert [p.suffix for p in paths] == [".png", ".svg", ".csv", ".txt"]
     contents = [p.read_bytes() for p in paths]
     assert contents == [p.read_bytes() for p in again]
@@ -192,31 +255,50 @@ def test_matplotlib_is_left_as_it_was():
 
 def test_intervals_wider_than_all_differences_are_said():
     name = "E* xi / sigma_Y = 5"
-    both = table_of(**{name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])})
+    both = table_of(
+        **{name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])}
+    )
     plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
-    for width, table, said in ((0.5, both, True), (0.03125, both, False), (5.0, both[:3], False)):
-        wide = table.assign(error_low=table["error"] - width, error_high=table["error"] + width)
+    for width, table, said in (
+        (0.5, both, True),
+        (0.03125, both, False),
+        (5.0, both[:3], False),
+    ):
+        wide = table.assign(
+            error_low=table["error"] - width, error_high=table["error"] + width
+        )
         chart = draw_table(wide, plot, "At E* xi/sigma_Y = 5.")
         (axes,) = chart.figure.axes
-        assert ("not tell them apart" in chart.caption) is bool(axes.get_title()) is said
+        assert (
+            ("not tell them apart" in chart.caption) is bool(axes.get_title()) is said
+        )
         assert chart.rows[0] == (name, 1.0, 1.0, 1 - width, 1 + width)  # plain
 
 
 def test_series_have_their_mark_in_each_colour_and_error_bars_are_set_apart():
     table = table_of(theory=([1, 2], [1, 2]), bem=([1, 2], [1, 3]), limit=([0.5], [1]))
     table["part"] = "plastic"
-    table["style"] = table["series"].map({"theory": "curve", "bem": "marks", "limit": "open"})
+    table["style"] = table["series"].map(
+        {"theory": "curve", "bem": "marks", "limit": "open"}
+    )
     look = {"series": ("part", "series"), "colour": "part", "colours": PART_COLOURS}
     table = pd.concat([table, table.assign(part="elastic")])
-    table = table.assign(error_low=table["error"] - 0.1, error_high=table["error"] + 0.1)
+    table = table.assign(
+        error_low=table["error"] - 0.1, error_high=table["error"] + 0.1
+    )
     lines = lines_of(table.sort_values("part", kind="stable"), mark="series", **look)
     for name in ("theory", "bem", "limit"):
         one, two = (lines[f"{part}, {name}"] for part in ("elastic", "plastic"))
-        assert (one.get_marker(), one.get_linestyle()) == (two.get_marker(), two.get_linestyle())
+        assert (one.get_marker(), one.get_linestyle()) == (
+            two.get_marker(),
+            two.get_linestyle(),
+        )
         assert (
             one.get_transform() == two.get_transform() == one.axes.transData
         )  # marks are in place
-    bars = (e for e in one.axes.collections if isinstance(e, mpl.collections.LineCollection))
+    bars = (
+        e for e in one.axes.collections if isinstance(e, mpl.collections.LineCollection)
+    )
     apart = np.diff([bar.get_transform().transform((1, 1))[0] for bar in bars])
     assert (apart > 1).all()
     assert apart.sum() < 10  # pixels: at the marks
@@ -226,17 +308,27 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them():
     names = ("fem", "raw", "bem corrected", "other", "persson, equation (3)")
     lines = lines_of(table_of(**dict.fromkeys(names, ([1, 2], [1, 2]))))
     assert len({line.get_color() for line in lines.values()}) == 5
-    assert lines["fem"].get_color() == lines_of(table_of(fem=([1], [1])))["fem"].get_color()
+    assert (
+        lines["fem"].get_color()
+        == lines_of(table_of(fem=([1], [1])))["fem"].get_color()
+    )
     many = table_of(**{f"kind {n}": ([1, 2], [1, 2]) for n in range(20)})
     for style in ("points", "curve"):
         lines = lines_of(many, style=style).values()
-        assert len({(e.get_color(), e.get_marker(), e.get_linestyle()) for e in lines}) == 20
+        assert (
+            len({(e.get_color(), e.get_marker(), e.get_linestyle()) for e in lines})
+            == 20
+        )
 
 
-@given(st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30))
+@given(
+    st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30)
+)
 def test_nothing_beats_the_pareto_front(points):
     front = [*map(tuple, pareto_front(*zip(*points, strict=True)).tolist())]
-    beaten = {p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p}
+    beaten = {
+        p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p
+    }
     assert front == sorted({*points} - beaten)
 
 
@@ -249,12 +341,19 @@ def test_the_order_of_a_power_law_is_its_exponent(order, factor):
     assert math.isnan(observed_order([1.0, 2.0], [0.0, math.nan]))
 
 
-@given(pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50), bins=st.integers(1, 80))
+@given(
+    pressures=st.lists(st.floats(0, 1e9), min_size=2, max_size=50),
+    bins=st.integers(1, 80),
+)
 def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
-    """The sum holds where many points share one pressure, a step of the cumulative area, too."""
+    """The sum holds where many points share one pressure, a step of the cumulative
+    area, too.
+    """
     sigma = np.append(np.sort(pressures), 1e9)
     cumulative = np.linspace(0.01, 0.4, sigma.size)
-    centres, density = curves.pressure_density(PressureDistribution(sigma, cumulative, 0.1), bins)
+    centres, density = curves.pressure_density(
+        PressureDistribution(sigma, cumulative, 0.1), bins
+    )
     assert density.sum() * 1e9 / bins == pytest.approx(0.4, rel=1e-12)
     assert np.all(density >= 0)
     assert np.all((centres > 0) & (centres < 1e9))
@@ -265,10 +364,16 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
     _, density = curves.pressure_density(answer("bem", 0.06).distribution)
     assert rows["bem"] == pytest.approx(density, rel=1e-12)
-    G, p0, lines = 4.2e21, 1.25e10, {e.get_label(): e for e in chart.figure.axes[0].lines}
+    G, p0, lines = (
+        4.2e21,
+        1.25e10,
+        {e.get_label(): e for e in chart.figure.axes[0].lines},
+    )
     x, y = (np.asarray(v) for v in lines["persson without hardness"].get_data())
     near, far = (np.exp(-((1e9 * x - shift) ** 2) / (4 * G)) for shift in (p0, -p0))
-    assert y == pytest.approx(1e9 * (near - far) / np.sqrt(4 * np.pi * G), rel=1e-9, abs=1e-15)
+    assert y == pytest.approx(
+        1e9 * (near - far) / np.sqrt(4 * np.pi * G), rel=1e-9, abs=1e-15
+    )
     x, y = (np.asarray(v) for v in lines["persson (plastic area 0.06)"].get_data())
     n = np.arange(1, 40)[:, None] * np.pi / HARDNESS
     modes = np.sin(n * p0) * np.sin(n * 1e9 * x)
@@ -279,7 +384,11 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
 def test_the_legend_has_the_colours_of_the_map():
     state = np.full((60, 40), APART)
     state[5:25, 5:15], state[35:55, 25:35] = ELASTIC, PLASTIC
-    places = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}  # in µm, x to the right, y up
+    places = {
+        APART: (30, 4),
+        ELASTIC: (15, 20),
+        PLASTIC: (45, 60),
+    }  # in µm, x to the right, y up
     chart = maps.contact_map(state, 1e9 * (state > 0), (1e-6, 2e-6))
     figure = chart.figure
     with Image.open(io.BytesIO(chart.png())) as picture:
@@ -287,16 +396,27 @@ def test_the_legend_has_the_colours_of_the_map():
     figure.set_dpi(SETTINGS["savefig.dpi"])
     figure.canvas.draw()
     (legend,) = figure.legends
-    keys = {t.get_text(): p for t, p in zip(legend.texts, legend.get_patches(), strict=True)}
+    keys = {
+        t.get_text(): p for t, p in zip(legend.texts, legend.get_patches(), strict=True)
+    }
     for kind, place in places.items():
-        box = keys[f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"].get_window_extent()
-        middle, shown = box.get_points().mean(axis=0), figure.axes[0].transData.transform(place)
+        box = keys[
+            f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"
+        ].get_window_extent()
+        middle, shown = (
+            box.get_points().mean(axis=0),
+            figure.axes[0].transData.transform(place),
+        )
         assert np.array_equal(*(pixels[int(y), int(x)] for x, y in (middle, shown)))
 
 
 def test_units_read_well_and_an_empty_chart_is_refused():
     lengths, pressures = (2.5e-4, 3e-9, 1e-10, 1500.0), (1.5e11, 0.0, math.inf)
     assert [unit_for(v, "m")[1] for v in lengths] == ["µm", "nm", "nm", "m"]
-    assert [unit_for(v, "Pa") for v in pressures] == [(1e9, "GPa"), (1.0, "Pa"), (1.0, "Pa")]
+    assert [unit_for(v, "Pa") for v in pressures] == [
+        (1e9, "GPa"),
+        (1.0, "Pa"),
+        (1.0, "Pa"),
+    ]
     with pytest.raises(ValueError, match="nothing to draw"):
         curves.residual_history({"a": [math.nan]})

@@ -1,4 +1,6 @@
-"""The package as a whole: licence, types, libraries, and the paper's equations in it."""
+"""The package as a whole: licence, types, libraries, and the paper's equations in
+it.
+"""
 
 import ast
 import sys
@@ -20,11 +22,15 @@ SOURCES = {
     for package in ("epcontact", "fem_check")
     for path in sorted((ROOT / package).rglob("*.py"))
 }
-NODES = [(path, node) for path, text in SOURCES.items() for node in ast.walk(ast.parse(text))]
+NODES = [
+    (path, node) for path, text in SOURCES.items() for node in ast.walk(ast.parse(text))
+]
 
 
 def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_for():
-    assert all((ROOT / name / "py.typed").is_file() for name in ("epcontact", "fem_check"))
+    assert all(
+        (ROOT / name / "py.typed").is_file() for name in ("epcontact", "fem_check")
+    )
     assert (ROOT / PROJECT["license-files"][0]).read_text().startswith("MIT License")
     code = (
         "import sys, epcontact; epcontact.Load; print('pydantic' in sys.modules)\n"
@@ -50,8 +56,14 @@ def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors():
     declared = {"vtk", "pydantic_core"} | {
         name.partition(">=")[0].lower().replace("_", "-") for name in needed
     }
-    assert not [m for m in foreign & homes.keys() if not {h.lower() for h in homes[m]} & declared]
-    floors = [name.replace(">=", "==") for name in (*PROJECT["dependencies"], *extras["test"])]
+    assert not [
+        m
+        for m in foreign & homes.keys()
+        if not {h.lower() for h in homes[m]} & declared
+    ]
+    floors = [
+        name.replace(">=", "==") for name in (*PROJECT["dependencies"], *extras["test"])
+    ]
     assert python(ROOT / ".ci" / "oldest").stdout.split() == floors
 
 
@@ -69,7 +81,9 @@ HOMES = {
 
 @pytest.mark.parametrize(("number", "home"), HOMES.items())
 def test_an_equation_has_one_home(number, home):
-    """The function with the formula cites its number first; no other text in the product does."""
+    """The function with the formula cites its number first; no other text in the
+    product does.
+    """
     (found,) = [
         f"{path} {node.name}"
         for path, node in NODES

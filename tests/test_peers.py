@@ -35,11 +35,16 @@ def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     atol = 1e-7 * np.std(scene.surface.heights)  # of the solver's tolerance
     np.testing.assert_allclose(found.fields["gap"], own.fields["gap"], atol=atol)
     for name in ("mean_gap", "elastic_energy", "largest_pressure"):
-        assert found.final.quantities[name] == pytest.approx(own.final.quantities[name], rel=1e-6)
+        assert found.final.quantities[name] == pytest.approx(
+            own.final.quantities[name], rel=1e-6
+        )
     assert found.final.residuals["gap_elastic"] < 1e-7
     assert found.final.residuals["force"] < 1e-12
-    # A gap that a solver gives is taken as it is, and a wrong pressure shows in the residuals.
-    given = peers.result_of(scene, {**own.fields, "gap": own.fields["gap"] + 1e-9}, "own")
+    # A gap that a solver gives is taken as it is, and a wrong pressure shows in the
+    # residuals.
+    given = peers.result_of(
+        scene, {**own.fields, "gap": own.fields["gap"] + 1e-9}, "own"
+    )
     np.testing.assert_array_equal(given.fields["gap"], own.fields["gap"] + 1e-9)
     wrong = peers.result_of(scene, {"pressure": 1.02 * own.fields["pressure"]}, "wrong")
     assert wrong.final.residuals["force"] == pytest.approx(0.02)
@@ -71,10 +76,16 @@ def test_second_opinion_on_j2_flow():
     spectrum = SelfAffineSpectrum(0.8, Q, Q, 2 * Q, 0.05)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (17, 17), seed=101).build()
     flowing = Scene(surface, Material(9.1e10, 0.3, yield_stress=1e9), Load(2.5e8))
-    found, own = peers.tamaas_j2(flowing), fem_check.solve(flowing, law="j2", certified=False)
+    found, own = (
+        peers.tamaas_j2(flowing),
+        fem_check.solve(flowing, law="j2", certified=False),
+    )
     assert found.final.residuals["gap_elastic"] < 1e-6
-    # On so coarse a grid the two differ by a sixth in raw area (cases/regression/j2_peer.csv).
-    assert found.final.areas["raw"].total == pytest.approx(own.final.areas["raw"].total, rel=0.2)
+    # On so coarse a grid the two differ by a sixth in raw area
+    # (cases/regression/j2_peer.csv).
+    assert found.final.areas["raw"].total == pytest.approx(
+        own.final.areas["raw"].total, rel=0.2
+    )
 
 
 ONE_SURFACE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -99,14 +110,24 @@ def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path):
     assert verdict.passed
     assert set(case.methods) == {"persson", "own"}
     assert {gate.of for gate in case.gates} == {"own"}
-    assert {file.name for file in tmp_path.rglob("fast/*.json")} == {"own.json", "persson.json"}
+    assert {file.name for file in tmp_path.rglob("fast/*.json")} == {
+        "own.json",
+        "persson.json",
+    }
 
 
 def test_entry_points_are_methods(tmp_path):
     about = tmp_path / "other-1.0.dist-info"
     about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[epcontact.methods]\nother = other:solve\n")
+    (about / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: other\nVersion: 1.0\n"
+    )
+    (about / "entry_points.txt").write_text(
+        "[epcontact.methods]\nother = other:solve\n"
+    )
     program = "import epcontact.harness.methods.registry as r; print(r.METHODS['other'].source)"
     path = os.pathsep.join([str(tmp_path), *sys.path])
-    assert python("-c", program, env=os.environ | {"PYTHONPATH": path}).stdout == "other:solve\n"
+    assert (
+        python("-c", program, env=os.environ | {"PYTHONPATH": path}).stdout
+        == "other:solve\n"
+    )

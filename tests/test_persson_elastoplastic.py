@@ -1,4 +1,6 @@
-"""The closed forms against arbitrary precision, exact identities, limits and the paper."""
+"""The closed forms against arbitrary precision, exact identities, limits and the
+paper.
+"""
 
 import math
 
@@ -25,7 +27,9 @@ TINY = 1e-290
 
 
 def images(s, x, c):
-    """Plastic area, force, mass below x, dP/dx at 0 and P(x), each summed over mirror images."""
+    """Plastic area, force, mass below x, dP/dx at 0 and P(x), each summed over mirror
+    images.
+    """
 
     def phi(z):
         return mp.exp(-((z / c) ** 2)) / (mp.sqrt(mp.pi) * c)
@@ -55,7 +59,9 @@ def modes(s, x, c):
 
 
 def referee(G, p0, H, sigma=0.0):
-    """Areas, force, slopes, density and cumulative with 45 digits, from the doubles as they are."""
+    """Areas, force, slopes, density and cumulative with 45 digits, from the doubles as
+    they are.
+    """
     G, p0, H = mp.mpf(G), mp.mpf(p0), mp.mpf(H)
     s, c, x = p0 / H, 2 * mp.sqrt(G) / H, mp.mpf(sigma) / H
     known = images if c < 1 else modes
@@ -64,13 +70,20 @@ def referee(G, p0, H, sigma=0.0):
     elastic = known(s, mp.mpf(1), c)[2]
     slopes = (at_zero / H**2, -at_wall / H**2)
     return {
-        **{"plastic": plastic, "separated": separated, "elastic": elastic, "force": H * force},
+        **{
+            "plastic": plastic,
+            "separated": separated,
+            "elastic": elastic,
+            "force": H * force,
+        },
         **{"slopes": slopes, "density": density / H, "cumulative": below},
     }
 
 
 def is_near(found, exact, rel=1e-10):
-    """Whether a number is right to so much of itself; below TINY, whether it is small, too."""
+    """Whether a number is right to so much of itself; below TINY, whether it is small,
+    too.
+    """
     if abs(exact) < TINY:
         return abs(found) < 2 * TINY
     return abs(mp.mpf(float(found)) - exact) < rel * abs(exact)
@@ -81,7 +94,9 @@ _tail = st.floats(-12, -0.302).map(lambda u: 10.0**u)
 
 @st.composite
 def contacts(draw, widest=1.7):
-    """(G, p0, H): p0/H from 1e-12 to 1 - 1e-12, the spread 2 sqrt(G)/H from 1e-13 to 50."""
+    """(G, p0, H): p0/H from 1e-12 to 1 - 1e-12, the spread 2 sqrt(G)/H from 1e-13 to
+    50.
+    """
     H = 10.0 ** draw(st.floats(-3, 12))
     share = draw(_tail)
     p0 = H * share if draw(st.booleans()) else H - H * share
@@ -108,7 +123,8 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
     _, p0, H = contact
     assert_allclose(found.total + found.separated, 1, rtol=0, atol=1e-13)
     assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
-    # Plastic and separated area swap places at the load H - p0, here so that it is exact.
+    # Plastic and separated area swap places at the load H - p0, here so that it is
+    # exact.
     one, other = areas(contact[0], H - (H - p0), H), areas(contact[0], H - p0, H)
     assert (one.plastic, one.elastic) == (other.separated, other.elastic)
 
@@ -132,19 +148,27 @@ def test_pressures_outside_the_walls_hold_no_contact_and_the_density_ends_at_its
     elastic = areas(G, p0, H).elastic
     outside, step = [-1.0, 0.0, H, 151.0], 1e-6 * H
     assert np.all(pressure_density(outside, G, p0, H) == 0)
-    assert_allclose(pressure_cumulative(outside, G, p0, H), [0, 0, elastic, elastic], rtol=0)
+    assert_allclose(
+        pressure_cumulative(outside, G, p0, H), [0, 0, elastic, elastic], rtol=0
+    )
     slopes = boundary_slopes(G, p0, H)
     near = pressure_density([step, H - step], G, p0, H) / step
-    assert_allclose(near, [slopes[0], -slopes[1]], rtol=1e-9)  # curvature at 0 is 0: step^2
+    assert_allclose(
+        near, [slopes[0], -slopes[1]], rtol=1e-9
+    )  # curvature at 0 is 0: step^2
 
 
 def test_no_roughness_is_full_contact_and_endless_roughness_the_bearing_area():
     found = areas(0.0, [1e-9, 0.5, 1 - 1e-9], 1.0)
-    assert_allclose([found.elastic, found.plastic, found.separated], [[1] * 3, [0] * 3, [0] * 3])
+    assert_allclose(
+        [found.elastic, found.plastic, found.separated], [[1] * 3, [0] * 3, [0] * 3]
+    )
     found = areas([1e3, 1e300], 0.3, 1.0)
     assert_allclose(found.plastic, 0.3, rtol=1e-15)
     assert_allclose(found.elastic, 0)
-    mode = 4 / np.pi * np.sin(0.3 * np.pi) * np.exp(-2 * np.pi**2)  # the one that is left
+    mode = (
+        4 / np.pi * np.sin(0.3 * np.pi) * np.exp(-2 * np.pi**2)
+    )  # the one that is left
     assert_allclose(areas(2.0, 0.3, 1.0).elastic, mode, rtol=1e-13)
 
 
@@ -167,8 +191,9 @@ def test_infinite_and_great_hardness_are_the_elastic_theory():
 def test_the_theory_row_of_the_paper():
     """E* = 250, hardness 150, p0 = 12.5 GPa, energy reduction 0.536, rms slope 1.
 
-    The paper prints .0526 / .0572 / .1099 and elastic .1087, of a tabulated spectrum whose
-    slope is 1 to print only; the second row is what its equations give at a slope of exactly 1.
+    The paper prints .0526 / .0572 / .1099 and elastic .1087, of a tabulated spectrum
+    whose slope is 1 to print only; the second row is what its equations give at a slope
+    of exactly 1.
     """
     G = 250.0**2 * 0.536 / 8
     found, elastic = areas(G, 12.5, 150.0), areas(G, 12.5).elastic
@@ -183,11 +208,18 @@ def test_arguments_broadcast_and_scale():
     found = areas(G, p0, hardness)
     assert found.elastic.shape == (7, 3)
     # Not to the bit: sums over an array may be ordered otherwise.
-    single = [[areas(g, *pair).plastic for pair in zip(p0, hardness, strict=True)] for g in G[:, 0]]
+    single = [
+        [areas(g, *pair).plastic for pair in zip(p0, hardness, strict=True)]
+        for g in G[:, 0]
+    ]
     assert_allclose(single, found.plastic, rtol=1e-14)
-    assert_allclose(areas(G * 1e18, p0 * 1e9, hardness * 1e9).plastic, found.plastic, rtol=1e-12)
+    assert_allclose(
+        areas(G * 1e18, p0 * 1e9, hardness * 1e9).plastic, found.plastic, rtol=1e-12
+    )
     density = pressure_density(30.0, G, p0, hardness)
-    assert_allclose(pressure_density(30e9, G * 1e18, p0 * 1e9, hardness * 1e9) * 1e9, density)
+    assert_allclose(
+        pressure_density(30e9, G * 1e18, p0 * 1e9, hardness * 1e9) * 1e9, density
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""The rule "local" of the theory: its identities, limits, orders of convergence and refusals."""
+"""The rule "local" of the theory: its identities, limits, orders of convergence and
+refusals.
+"""
 
 import math
 from dataclasses import replace
@@ -13,7 +15,11 @@ from epcontact import persson
 from epcontact.errors import InvalidScene
 from epcontact.persson import EnergyReduction, Theory, analytic_roughness, areas, local
 from epcontact.persson.local import CONSTANTS, breadths, march
-from epcontact.persson.separation import elastic_energy, gap_distribution, mean_separation
+from epcontact.persson.separation import (
+    elastic_energy,
+    gap_distribution,
+    mean_separation,
+)
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
 
@@ -34,10 +40,14 @@ def body(hardness=math.inf):
 
 @settings(max_examples=25)
 @given(st.floats(1e-3, 0.999), st.floats(0.05, 4.0))
-def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(share, hardness):
+def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(
+    share, hardness
+):
     state = march(*PATH, share * hardness, hardness, resolution=(25, 4))
     assert_allclose(state.elastic + state.plastic + state.separated, 1, rtol=1e-11)
-    carried = state.weights @ (state.pressure * state.density) + hardness * state.plastic[-1]
+    carried = (
+        state.weights @ (state.pressure * state.density) + hardness * state.plastic[-1]
+    )
     assert_allclose(carried, share * hardness, rtol=1e-10)
     assert_allclose(state.cumulative[-1], state.elastic[-1], rtol=1e-10)
     mirror = march(*PATH, (1 - share) * hardness, hardness, resolution=(25, 4))
@@ -51,7 +61,10 @@ def test_cells_and_steps_are_of_second_order_and_the_default_is_right(place):
     for vary in ((1, 0), (0, 1), (1, 1)):
         factors = np.where(vary, np.array([[1], [2], [4]]), 8)
         sizes = [tuple(size) for size in (factors * (50, 8)).tolist()]
-        off = [abs(shares(march(*PATH, *place, resolution=n)) - finest).max() for n in sizes]
+        off = [
+            abs(shares(march(*PATH, *place, resolution=n)) - finest).max()
+            for n in sizes
+        ]
         if vary == (1, 1):
             assert off[0] < 2e-4
             assert math.log2(off[0] / off[1]) > 1.6
@@ -67,7 +80,9 @@ def test_one_reduction_for_all_pressures_gives_the_closed_form(place, monkeypatc
     state = march(*PATH, *place, resolution=(200, 32))
     G = state.diffusion[0] + 0.6 * (state.diffusion - state.diffusion[0])
     for part in ("elastic", "plastic"):
-        assert_allclose(getattr(state, part), getattr(areas(G, *place), part), atol=2e-4)
+        assert_allclose(
+            getattr(state, part), getattr(areas(G, *place), part), atol=2e-4
+        )
     exact = persson.pressure_density(state.pressure, G[-1], *place)
     assert_allclose(state.density, exact, atol=2e-3 * exact.max() + 1e-8)
 
@@ -92,7 +107,9 @@ def test_limits_of_the_hardness_and_of_the_load():
     # Full contact stores all energy: the pressures have the variance 2 tau.
     full = march(*PATH, 5.0, resolution=(200, 8))
     assert_allclose(shares(full), [1, 0, 0], atol=1e-8)
-    assert_allclose(full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3)
+    assert_allclose(
+        full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3
+    )
     # At light loads the area is proportional to the load.
     light = [march(*PATH, p).elastic[-1] / p for p in (1e-4, 1e-3)]
     assert_allclose(light[0], light[1], rtol=0.03)
@@ -120,7 +137,9 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     at_four = theory.pressure_curve(12.5e9, 4.0)
     assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
-    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas["raw"]
+    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas[
+        "raw"
+    ]
     assert other.total < result.final.areas["raw"].total
 
 

@@ -1,4 +1,6 @@
-"""The theory of a scene: answers, refusals, curves, energy reduction, separation, moving wall."""
+"""The theory of a scene: answers, refusals, curves, energy reduction, separation,
+moving wall.
+"""
 
 import math
 from dataclasses import replace
@@ -25,7 +27,11 @@ from epcontact.persson import (
 )
 from epcontact.persson.hardness import StressState, evolve
 from epcontact.persson.reduction import reduced_diffusion
-from epcontact.persson.separation import elastic_energy, flattened_roughness, mean_separation
+from epcontact.persson.separation import (
+    elastic_energy,
+    flattened_roughness,
+    mean_separation,
+)
 from epcontact.persson.validity import expectation
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
@@ -67,7 +73,9 @@ def law(zeta):
 
 
 ROUGH = body(analytic_roughness(PAPER))
-OWN = body(roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(), "surface"))
+OWN = body(
+    roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(), "surface")
+)
 STATE = (mean_separation, elastic_energy)
 
 
@@ -79,32 +87,50 @@ def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_t
     result = solve()
     theory, G = Theory.of_scene(SCENE, energy_reduction=GAMMA), GAMMA * MODULUS**2 / 8
     for step, pressure in zip(result.steps, (2e9, 12.5e9), strict=True):
-        exact, more, less = (areas(G * part, pressure, 150e9) for part in (1, 1.0001, 0.9999))
-        lost, flown = ((getattr(more, name) - getattr(less, name)) / (2e-4 * G)
-                       for name in ("separated", "plastic"))  # fmt: skip
+        exact, more, less = (
+            areas(G * part, pressure, 150e9) for part in (1, 1.0001, 0.9999)
+        )
+        lost, flown = (
+            (getattr(more, name) - getattr(less, name)) / (2e-4 * G)
+            for name in ("separated", "plastic")
+        )
         curve = theory.pressure_curve(pressure)
         elastic = np.trapezoid(curve.pressure * curve.density, curve.pressure)
-        assert step.quantities == pytest.approx({
-            "energy_reduction": GAMMA, "rms_slope": 1.0, "diffusion": G,
-            "density_slope_at_zero": lost, "density_slope_at_hardness": -flown,
-            "plastic_force_share": 1 - elastic / pressure,
-            "mean_gap": mean_separation(theory, pressure),
-            "elastic_energy": elastic_energy(theory, pressure),
-        }, rel=2e-5)  # fmt: skip
+        assert step.quantities == pytest.approx(
+            {
+                "energy_reduction": GAMMA,
+                "rms_slope": 1.0,
+                "diffusion": G,
+                "density_slope_at_zero": lost,
+                "density_slope_at_hardness": -flown,
+                "plastic_force_share": 1 - elastic / pressure,
+                "mean_gap": mean_separation(theory, pressure),
+                "elastic_energy": elastic_energy(theory, pressure),
+            },
+            rel=2e-5,
+        )
         for kind in ("raw", "corrected"):
             found = step.areas[kind]
             assert found.elastic == pytest.approx(float(exact.elastic), rel=1e-12)
             assert found.plastic == pytest.approx(float(exact.plastic), rel=1e-12)
         assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
-    assert (result.notes[-1], result.cost["seconds"] < 600) == (expectation(theory, 12.5e9), True)
+    assert (result.notes[-1], result.cost["seconds"] < 600) == (
+        expectation(theory, 12.5e9),
+        True,
+    )
     own = solve(spectrum="surface").final.areas["raw"]  # of a surface of exact slope
     assert own.elastic == pytest.approx(result.final.areas["raw"].elastic, rel=1e-9)
     table: Any = result.distribution
     assert np.all(np.diff(table.cumulative) >= 0)
-    assert table.cumulative[-1] == pytest.approx(result.final.areas["raw"].elastic, rel=1e-13)
-    # The force is int sigma dF + hardness * A_pl; the trapezoidal rule has an error h^2 / 12.
+    assert table.cumulative[-1] == pytest.approx(
+        result.final.areas["raw"].elastic, rel=1e-13
+    )
+    # The force is int sigma dF + hardness * A_pl; the trapezoidal rule has an error h^2
+    # / 12.
     middle = 0.5 * (table.pressure[1:] + table.pressure[:-1])
-    assert_allclose(middle @ np.diff(table.cumulative) + 150e9 * table.plastic, 12.5e9, rtol=2e-6)
+    assert_allclose(
+        middle @ np.diff(table.cumulative) + 150e9 * table.plastic, 12.5e9, rtol=2e-6
+    )
 
 
 def test_areas_that_do_not_add_up_show_in_the_residual(monkeypatch):
@@ -117,7 +143,10 @@ def test_areas_that_do_not_add_up_show_in_the_residual(monkeypatch):
 def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure():
     flat = Scene(Surface(np.zeros((8, 8)), (1.0, 1.0)), METAL, Load(1e9))
     result = solve(flat, spectrum="surface")
-    assert (result.final.areas["raw"].elastic, result.final.quantities["mean_gap"]) == (1, 0)
+    assert (result.final.areas["raw"].elastic, result.final.quantities["mean_gap"]) == (
+        1,
+        0,
+    )
     table: Any = result.distribution
     assert (table.pressure[-1], table.cumulative[-1]) == (1e9, 1)
 
@@ -125,7 +154,11 @@ def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure():
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
-        ({"surface": Surface(np.sin(np.arange(16.0)), (1.0,), SPECTRUM)}, {}, "isotropic"),
+        (
+            {"surface": Surface(np.sin(np.arange(16.0)), (1.0,), SPECTRUM)},
+            {},
+            "isotropic",
+        ),
         ({"body": Body("bonded_layer", 1e-5)}, {}, "half-space"),
         ({"load": Load((2e9, 1e9))}, {}, "decreases"),
         ({"surface": replace(SURFACE, spectrum=None)}, {}, "'surface'"),
@@ -148,8 +181,14 @@ def theory():
 def test_the_magnification_curve_begins_and_ends_right(theory):
     curve = theory.magnification_curve(12.5e9)
     final = solve().final.areas["raw"]
-    assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (1000, 1, 0)
-    assert_allclose([curve.elastic[-1], curve.plastic[-1]], [final.elastic, final.plastic], 1e-10)
+    assert (curve.magnification.size, curve.total[0], curve.diffusion[0]) == (
+        1000,
+        1,
+        0,
+    )
+    assert_allclose(
+        [curve.elastic[-1], curve.plastic[-1]], [final.elastic, final.plastic], 1e-10
+    )
     assert curve.columns()["plastic_area"] is curve.plastic
     assert np.all(np.diff(curve.plastic) >= 0)  # a point that flows stays so
     assert np.all(np.diff(curve.total) <= 0)
@@ -160,7 +199,10 @@ def test_the_magnification_curve_begins_and_ends_right(theory):
 
 
 def test_a_pressure_curve_at_a_magnification(theory):
-    curve, at_four = theory.pressure_curve(12.5e9, 4.0), theory.magnification_curve(12.5e9, [4.0])
+    curve, at_four = (
+        theory.pressure_curve(12.5e9, 4.0),
+        theory.magnification_curve(12.5e9, [4.0]),
+    )
     ends = [curve.cumulative[-1], curve.plastic]
     assert_allclose(ends, [at_four.elastic[0], at_four.plastic[0]], rtol=1e-12)
     # The trapezoidal rule has an error of h^2.
@@ -173,19 +215,26 @@ def test_a_rule_at_its_ends(reduction):
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
     assert_allclose(reduction.factor(0.0), reduction.gamma)
     assert reduced_diffusion(reduction, 0.0, 1.0) == 0
-    # Hardly any contact: gamma.  A = sqrt(8/pi) p0 / (E* xi) / sqrt(gamma) = 1e-7 or so.
-    assert_allclose(reduced_diffusion(reduction, TAU, 1e-5), reduction.gamma * TAU, rtol=1e-5)
+    # Hardly any contact: gamma.  A = sqrt(8/pi) p0 / (E* xi) / sqrt(gamma) = 1e-7 or
+    # so.
+    assert_allclose(
+        reduced_diffusion(reduction, TAU, 1e-5), reduction.gamma * TAU, rtol=1e-5
+    )
     if reduction.rule != "constant":  # nearly full contact: A = 1, nothing is reduced
         assert_allclose(reduction.factor(1.0), 1.0)
         assert_allclose(reduced_diffusion(reduction, 1.0, 1e3), 1.0, rtol=1e-14)
     G = reduced_diffusion(reduction, [[0.0, 1.0], [50.0, TAU]], 12.5, 150.0)
-    assert_allclose(G[1, 0], reduced_diffusion(reduction, 50.0, 12.5, 150.0), rtol=1e-10)
+    assert_allclose(
+        G[1, 0], reduced_diffusion(reduction, 50.0, 12.5, 150.0), rtol=1e-10
+    )
 
 
 @pytest.mark.parametrize("reduction", LOCAL, ids=lambda r: r.rule)
 @pytest.mark.parametrize("hardness", [math.inf, 150.0])
 def test_the_differential_rules_solve_their_equation(reduction, hardness):
-    """int_0^G dG' / S(A(G')) = tau, by an adaptive quadrature; the stepping is of sixth order."""
+    """int_0^G dG' / S(A(G')) = tau, by an adaptive quadrature; the stepping is of sixth
+    order.
+    """
 
     def rate(log_g):
         G = math.exp(log_g)
@@ -193,10 +242,13 @@ def test_the_differential_rules_solve_their_equation(reduction, hardness):
 
     for tau in (0.3, 60.0, TAU):
         G = float(reduced_diffusion(reduction, tau, 12.5, hardness))
-        found = quad(rate, math.log(1e-12), math.log(G), epsabs=0, epsrel=1e-12, limit=500)[0]
+        found = quad(
+            rate, math.log(1e-12), math.log(G), epsabs=0, epsrel=1e-12, limit=500
+        )[0]
         assert_allclose(found + 1e-12, tau, rtol=1e-10)
     exact, *coarse = (
-        reduced_diffusion(reduction, TAU, 12.5, 150.0, steps_per_decade=n) for n in (96, 2, 4, 8)
+        reduced_diffusion(reduction, TAU, 12.5, 150.0, steps_per_decade=n)
+        for n in (96, 2, 4, 8)
     )
     errors = np.abs(np.array(coarse) / exact - 1)
     assert np.all(np.log2(errors[:-1] / errors[1:]) > 5)
@@ -212,9 +264,13 @@ def test_the_whole_band_rule_solves_its_equation(log_tau, gamma, wall):
 
 
 def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
-    """The elastoplastic ones, .0533 of them elastic, and .1002 of the elastic body (Table 1)."""
+    """The elastoplastic ones, .0533 of them elastic, and .1002 of the elastic body
+    (Table 1).
+    """
     gammas = np.linspace(0.4, 0.8, 401)
-    elastic, body = (persson.areas(gammas * TAU, 12.5, h).elastic for h in (150.0, math.inf))
+    elastic, body = (
+        persson.areas(gammas * TAU, 12.5, h).elastic for h in (150.0, math.inf)
+    )
     fits = [np.argmin(np.abs(body - 0.1002)), np.argmin(np.abs(elastic - 0.0533))]
     assert_allclose(gammas[fits], [0.63, 0.53], atol=0.01)
     assert elastic[fits[0]] < 0.8 * 0.0533
@@ -225,8 +281,12 @@ def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
 
 def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored():
     """(pi/2) E* int q^2 C dq, and no gap is left; dU_el = -p d(ubar) on the way."""
-    exact, _ = quad(lambda q: q**2 * density(WIDE, q), 2.5e4, 16e5, points=[1e5], limit=200)
-    assert_allclose(elastic_energy(model(), 1e13), 0.5 * math.pi * MODULUS * exact, rtol=1e-6)
+    exact, _ = quad(
+        lambda q: q**2 * density(WIDE, q), 2.5e4, 16e5, points=[1e5], limit=200
+    )
+    assert_allclose(
+        elastic_energy(model(), 1e13), 0.5 * math.pi * MODULUS * exact, rtol=1e-6
+    )
     assert mean_separation(model(), 1e13) == 0
     path = 2e9, 2.02e9
     (approach,), (stored,) = (np.diff([f(model(), p) for p in path]) for f in STATE)
@@ -234,10 +294,11 @@ def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored():
 
 
 def test_separation_of_one_wave_number_is_the_published_integral():
-    """A narrow band at q has ubar = sqrt(pi) q^2 C dq w int_p^inf (dp'/p') [...] e^{-(w p'/E*)^2}.
+    """A narrow band at q has ubar = sqrt(pi) q^2 C dq w int_p^inf (dp'/p') [...] e^{-(w
+    p'/E*)^2}.
 
-    Written for a step of the spectrum: half of its energy density is at G(x), 0 < x < 1 of its
-    slope variance, which the bands resolve.
+    Written for a step of the spectrum: half of its energy density is at G(x), 0 < x < 1
+    of its slope variance, which the bands resolve.
     """
     narrow = SelfAffineSpectrum(0.8, 1e5, 1e5, 1.0001e5, 0.1)
     p, made = 2e9, body(analytic_roughness(narrow, 1024))
@@ -250,7 +311,9 @@ def test_separation_of_one_wave_number_is_the_published_integral():
 
     share = dblquad(rate, 1e-4, 1, p, 2e11, epsabs=0, epsrel=1e-7)[0]
     energy = 0.25 * MODULUS * 0.01 / 1e5
-    assert_allclose(mean_separation(made, p), energy * share, rtol=2e-4)  # width of the band
+    assert_allclose(
+        mean_separation(made, p), energy * share, rtol=2e-4
+    )  # width of the band
 
 
 def test_orders_of_the_separation():
@@ -268,7 +331,9 @@ def test_orders_of_the_separation():
 
 
 def test_small_loads_part_the_surfaces_logarithmically():
-    """Yang and Persson's law: between two decades of pressure the separation falls alike."""
+    """Yang and Persson's law: between two decades of pressure the separation falls
+    alike.
+    """
     drop = -np.diff([mean_separation(model(), p) for p in (1e3, 1e4, 1e5)])
     assert_allclose(drop[0], drop[1], rtol=1e-4)
     height = math.sqrt(spectral_moment(WIDE, 0))
@@ -286,7 +351,8 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
     middle_of_band = np.cumsum(variance) - variance / 2
     plastic = areas(0.536 * MODULUS**2 / 8 * middle_of_band, p, 75e9).plastic * 75e9 / p
     assert_allclose(left, 1 - plastic**6, rtol=1e-12)
-    # "constant" and "xu" describe no single wave number; the energy's rule is "persson".
+    # "constant" and "xu" describe no single wave number; the energy's rule is
+    # "persson".
     other = replace(made, reduction=EnergyReduction(GAMMA, "xu"))
     assert elastic_energy(other, p) == elastic_energy(made, p)
     # Great hardness is the elastic body; a load at the hardness is refused.
@@ -298,10 +364,11 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
 
 @pytest.mark.parametrize("kappa", [0.5, 2.0])
 def test_the_self_similar_solution_with_second_order(kappa):
-    """A wall at Y = sqrt(2 kappa G): Q = (Y_0/Y) x exp(-kappa x^2/2), A_pl = Q(1) / kappa.
+    """A wall at Y = sqrt(2 kappa G): Q = (Y_0/Y) x exp(-kappa x^2/2), A_pl = Q(1) /
+    kappa.
 
-    It solves dQ/dG = d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa A_pl and
-    dA_pl/dG = J(1), and keeps the force Y (int x Q dx + A_pl).
+    It solves dQ/dG = d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa
+    A_pl and dA_pl/dG = J(1), and keeps the force Y (int x Q dx + A_pl).
     """
     plastic = math.exp(-kappa / 2) / kappa
     errors = []
@@ -320,7 +387,9 @@ def test_the_self_similar_solution_with_second_order(kappa):
 
 def test_constant_hardness_is_the_closed_form():
     found = hardness_curve(ROUGH, 12.5e9, lambda z: np.full(z.shape, 150e9))
-    curve = replace(ROUGH, hardness=150e9).magnification_curve(12.5e9, found.areas.magnification)
+    curve = replace(ROUGH, hardness=150e9).magnification_curve(
+        12.5e9, found.areas.magnification
+    )
     assert_allclose(found.areas.elastic, curve.elastic, rtol=0, atol=1e-6)
     assert_allclose(found.areas.plastic, curve.plastic, rtol=0, atol=1e-6)
     assert found.force_error < 1e-10
@@ -344,10 +413,12 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
 
 
 def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_throughout():
-    """The lower caps passed on the way left less spread of the pressures, d<p^2> = 2 A_el dG.
+    """The lower caps passed on the way left less spread of the pressures, d<p^2> = 2
+    A_el dG.
 
-    The pressures are a martingale under either wall; the one that was capped earlier is the
-    smaller in convex order, and so is what it has at the common cap.  They carry the load.
+    The pressures are a martingale under either wall; the one that was capped earlier is
+    the smaller in convex order, and so is what it has at the common cap.  They carry
+    the load.
     """
     found = hardness_curve(ROUGH, 12.5e9, law)
     kept = areas(found.areas.diffusion, 12.5e9, found.hardness)
@@ -359,7 +430,9 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_thr
     assert_allclose(force, 12.5e9, rtol=1e-10)
     assert np.all(table.density >= 0)
     # Light roughness feels no wall.
-    light = hardness_curve(body(analytic_roughness(replace(PAPER, rms_slope=0.01))), 12.5e9, law)
+    light = hardness_curve(
+        body(analytic_roughness(replace(PAPER, rms_slope=0.01))), 12.5e9, law
+    )
     assert (light.areas.plastic.max(), light.pressures) == (0, None)
     assert_allclose(light.areas.elastic, areas(light.areas.diffusion, 12.5e9).elastic)
 

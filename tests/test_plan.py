@@ -1,4 +1,6 @@
-"""Plans: the rule by which a model is chosen, that promises hold, and that plans are cheaper."""
+"""Plans: the rule by which a model is chosen, that promises hold, and that plans are
+cheaper.
+"""
 
 import math
 from dataclasses import replace
@@ -10,7 +12,14 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
-from epcontact.planning import achieved_error, auto_case, finer_case, grids, pilots, plan
+from epcontact.planning import (
+    achieved_error,
+    auto_case,
+    finer_case,
+    grids,
+    pilots,
+    plan,
+)
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import Areas
@@ -50,7 +59,9 @@ def pilot(n, error, total=0.1):
 @pytest.mark.parametrize(("ratio", "order"), [(2**1.5, 1.5), (0.9, 1), (16.0, 2)])
 def test_errors_are_carried_by_their_observed_order_within_1_to_2(ratio, order):
     known = [pilot(64, 0.08), pilot(128, 0.08 / ratio)]
-    assert pilots.carried_error(known, (512, 512)) == pytest.approx(0.08 / ratio / 4**order)
+    assert pilots.carried_error(known, (512, 512)) == pytest.approx(
+        0.08 / ratio / 4**order
+    )
     assert pilots.carried_work(known, (256, 256)) == pytest.approx(30 * 256**2)
 
 
@@ -68,8 +79,12 @@ def test_a_ladder_starts_at_three_points_a_wavelength_and_holds_the_case_s_own_g
     assert grids.points_per_wavelength(coarse) == pytest.approx(3, rel=0.02)
     assert rungs[-1] == recipe.shape
     assert math.prod(grids.ladder(recipe, beyond=True)[-1]) > math.prod(recipe.shape)
-    measured = HeightsFromArray(np.random.default_rng(1).random((32, 32)), (1.0, 1.0), "periodic")
-    assert grids.ladder(measured, beyond=True) == [(32, 32)]  # heights stay on their own grid
+    measured = HeightsFromArray(
+        np.random.default_rng(1).random((32, 32)), (1.0, 1.0), "periodic"
+    )
+    assert grids.ladder(measured, beyond=True) == [
+        (32, 32)
+    ]  # heights stay on their own grid
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -77,10 +92,14 @@ def test_a_section_is_the_line_of_a_one_directional_surface(axis):
     whole = Sinusoid((1e-3, 2e-3), (64, 96), 1e-6, 2, "xy"[axis])
     assert grids.one_directional(whole) == axis
     line = grids.Section(whole, axis).build()
-    assert np.array_equal(line.heights, np.take(whole.build().heights, 5, axis=1 - axis))
+    assert np.array_equal(
+        line.heights, np.take(whole.build().heights, 5, axis=1 - axis)
+    )
     assert line.periods == (whole.periods[axis],)
     assert line.fingerprint != whole.fingerprint
-    assert grids.one_directional(Sinusoid((1e-3, 1e-3), (64, 64), 1e-6, 1, "both")) is None
+    assert (
+        grids.one_directional(Sinusoid((1e-3, 1e-3), (64, 64), 1e-6, 1, "both")) is None
+    )
     assert grids.one_directional(Sinusoid((1e-3,), (64,), 1e-6)) is None
 
 
@@ -115,7 +134,9 @@ def test_a_plan_refines_where_edges_hold_the_fronts():
     exact = math.pi * recipe.radius**2 / math.prod(recipe.periods)
     assert mean_total(answer) == pytest.approx(exact, rel=0.02)
     # Heights that cannot be refined miss the tolerance.
-    measured = HeightsFromArray(recipe.build().heights[::16, ::16], recipe.periods, "periodic")
+    measured = HeightsFromArray(
+        recipe.build().heights[::16, ::16], recipe.periods, "periodic"
+    )
     stuck = plan(punch.changed(recipes=(measured,)), 0.02, threads=1)
     assert not stuck.meets
     assert "is not met" in stuck.reasons[-1]
@@ -135,8 +156,12 @@ def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
     assert achieved_error(chosen, sure, finer) == pytest.approx(0.1, abs=0.02)
 
 
-def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_more(write_case):
-    case = load_case(write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 9]")), "full")
+def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_more(
+    write_case,
+):
+    case = load_case(
+        write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 9]")), "full"
+    )
     chosen = plan(case.changed(methods=("bem",)), 0.05, threads=1)
     assert chosen.meets
     room = math.sqrt(0.05**2 - chosen.grid_error**2)
@@ -144,7 +169,9 @@ def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_mor
     one_less = chosen.scatter * math.sqrt(chosen.surfaces / (chosen.surfaces - 1))
     assert chosen.scatter <= room < one_less * 1.5
     expected = (1, 2, 3, 4, 5, 9, *range(10, 10 + chosen.surfaces))
-    assert tuple(recipe.seed for recipe in chosen.recipes) == expected[: chosen.surfaces]
+    assert (
+        tuple(recipe.seed for recipe in chosen.recipes) == expected[: chosen.surfaces]
+    )
     bound = plan(case, 1e-4, threads=1, capped=True)  # never beyond the case
     assert bound.surfaces <= 6
     assert math.prod(bound.shape) <= math.prod(case.recipes[0].shape)
@@ -156,7 +183,9 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
     chosen = plan(case.changed(methods=("bem",)), 0.3, threads=1)
     result = bem.solve(case.scene(case.recipes[0]), threads=1)
     best, error = (result.final.areas[name].total for name in ("corrected", "error"))
-    shifted = tuple(with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1))
+    shifted = tuple(
+        with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1)
+    )
     answer = Answer(shifted, ("a", "b", "c"))
     # t(2 degrees, 97.5 %) = 4.302653
     expected = math.hypot(error / best, 0.4302653 / math.sqrt(3))
@@ -173,7 +202,9 @@ def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
     for k in range(12):
         given = tuple(replace(first, seed=s) for s in range(8 * k, 8 * k + 8))
         chosen = plan(case.changed(recipes=given), 0.05, threads=1)
-        fresh = tuple(replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes))
+        fresh = tuple(
+            replace(r, seed=5000 + 200 * k + i) for i, r in enumerate(chosen.recipes)
+        )
         kept += abs(mean_total(solved(case.changed(recipes=fresh))) / truth - 1) <= 0.05
     # Of promises at 95 %, more than one broken in twelve has a chance of one in eight.
     assert kept >= 11
@@ -189,9 +220,13 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
 
 
 def test_the_map_of_its_error_decides_where_the_theory_stands_in():
-    """Where it misses a tenth of the area it misses three quarters of the plastic spots."""
+    """Where it misses a tenth of the area it misses three quarters of the plastic
+    spots.
+    """
     spots = load_case("where-spots")
-    area, plastic = (plan(spots, 0.2, parts=(part,), threads=1) for part in ("total", "plastic"))
+    area, plastic = (
+        plan(spots, 0.2, parts=(part,), threads=1) for part in ("total", "plastic")
+    )
     assert (area.method, plastic.method) == ("persson", "bem")
     assert 0.1 < area.expected_error < 0.2
     assert any("off by 0.74 here" in reason for reason in plastic.reasons)
@@ -206,13 +241,21 @@ J2 = (
 
 def test_finite_elements_are_given_depth_and_increments(write_case):
     material = ("hardness = 6.0e9", "yield_stress = 2.0e9")
-    short = ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 1.8849555921538758e4")
-    small = (("{ fast = 4, full = 8 }", "6"), ("[3, 5, 7]", "[3]"), ('"bem", "fem"', '"fem"'))
+    short = (
+        "wavenumber_high = 5.026548245743669e4",
+        "wavenumber_high = 1.8849555921538758e4",
+    )
+    small = (
+        ("{ fast = 4, full = 8 }", "6"),
+        ("[3, 5, 7]", "[3]"),
+        ('"bem", "fem"', '"fem"'),
+    )
     case = load_case(write_case(*J2, material, short, *small))
     chosen = plan(case, 0.2, threads=1)
     assert chosen.method == "fem"
     assert chosen.options["depth"] > 0
-    # The most increments are the reference of the others, which is not compared with itself.
+    # The most increments are the reference of the others, which is not compared with
+    # itself.
     assert chosen.options["steps"] in sorted(pilots.STEPS)[:-1] == [*pilots.STEPS[:-1]]
     assert chosen.options.items() <= planned(case, chosen).options["fem"].items()
 
@@ -230,7 +273,9 @@ def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(
     strength = ("hardness = 6.0e9", f"hardness = {hardness}\nyield_stress = 2.0e9")
     chosen = plan(load_case(write_case(*J2, strength)), tolerance)
     assert chosen.method == "bem"
-    assert all(words in reason for reason, words in zip(chosen.reasons, said, strict=False))
+    assert all(
+        words in reason for reason, words in zip(chosen.reasons, said, strict=False)
+    )
 
 
 def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
@@ -240,7 +285,9 @@ def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
     assert "asks for its grid" in told
     given = load_case("hertz-sphere-dense", "full")
     # Gates of 1 %: those of the case itself are a thirtieth of that and keep its grid.
-    case = given.changed(gates=tuple(replace(g, low=-0.01, high=0.01) for g in given.gates))
+    case = given.changed(
+        gates=tuple(replace(g, low=-0.01, high=0.01) for g in given.gates)
+    )
     auto, told = auto_case(case, threads=1)
     assert math.prod(auto.recipes[0].shape) < math.prod(case.recipes[0].shape)
     assert "corrected areas" in told
@@ -264,9 +311,13 @@ def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case
     first = case.recipes[0]
     coarse = grids.on_grid(first, grids.ladder(first, beyond=False)[0])
     steps = bem.solve(case.scene(coarse), area_tolerance=1e-4).steps
-    claims = [s.areas["error"].total / (s.areas["corrected"].total or np.inf) for s in steps]
+    claims = [
+        s.areas["error"].total / (s.areas["corrected"].total or np.inf) for s in steps
+    ]
     assert chosen.step == np.argmax(claims) == 2
-    assert chosen.reasons[0].startswith("the plan is for the load of 1e+08 Pa, number 3 of the")
+    assert chosen.reasons[0].startswith(
+        "the plan is for the load of 1e+08 Pa, number 3 of the"
+    )
     answer = solved(planned(case, chosen))
     areas = answer.results[0].steps[2].areas
     error = areas["error"].total / areas["corrected"].total

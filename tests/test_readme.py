@@ -28,7 +28,7 @@ EXAMPLES = [
     if ">>> " in path.read_text(encoding="utf-8")
 ]
 README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.M | re.S)
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 
 
 def blocks(language):
@@ -50,9 +50,14 @@ def run(command, folder, timeout=280):
     scripts = str(Path(sys.executable).parent)
     environment = os.environ | {"PATH": scripts + os.pathsep + os.environ["PATH"]}
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True,
-        timeout=timeout, check=False,
-    )  # fmt: skip
+        command,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
     assert done.returncode == 0, (command, done.stdout[-2000:], done.stderr[-2000:])
     return done.stdout
 
@@ -100,7 +105,9 @@ def test_an_executor_for_slurm(monkeypatch):
     library = SimpleNamespace(SlurmJobExecutor=job_executor)
     monkeypatch.setitem(sys.modules, "executorlib", library)
     guide = (ROOT / ".docs/sweep.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(from functools.*?)^```", guide, re.M | re.S)
+    (code,) = re.findall(
+        r"^```python\n(from functools.*?)^```", guide, re.MULTILINE | re.DOTALL
+    )
     module = ModuleType("on_slurm")
     exec(code, module.__dict__)
     monkeypatch.setitem(sys.modules, "on_slurm", module)
@@ -110,36 +117,55 @@ def test_an_executor_for_slurm(monkeypatch):
 
 def test_solver_and_case_of_the_readers_own(home):
     (yaml,) = blocks("yaml")
-    verify, compare = (line.split("&&")[-1].removeprefix("- run:") for line in yaml.splitlines())
-    run(["bash", "-ec", f"{verify}; epcontact compare verdict --keep kept.csv; {compare}"], home)
+    verify, compare = (
+        line.split("&&")[-1].removeprefix("- run:") for line in yaml.splitlines()
+    )
+    run(
+        [
+            "bash",
+            "-ec",
+            f"{verify}; epcontact compare verdict --keep kept.csv; {compare}",
+        ],
+        home,
+    )
     assert (home / "verdict" / "junit.xml").exists()
 
 
 def test_a_measured_map_as_the_readme_says(home, monkeypatch):
-    """Its table makes a case of a J2 metal under a map with holes, tilt and open edges."""
+    """Its table makes a case of a J2 metal under a map with holes, tilt and open
+    edges.
+    """
     x, y = np.meshgrid(np.arange(48.0), np.arange(40.0), indexing="ij")
     heights = 0.1 * np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
     heights[3:5, 7] = np.nan
     np.savetxt(home / "map.txt", heights, delimiter=";")
     case, surface = [block for block in blocks("toml") if "[surface]" in block]
-    case = re.sub(r"\[surface\].*?\n\[", lambda _: f"{surface}\n[", case, flags=re.S)
+    case = re.sub(
+        r"\[surface\].*?\n\[", lambda _: f"{surface}\n[", case, flags=re.DOTALL
+    )
     for table, key in (("theory", "spectrum"), ("material", "hardness")):
-        setting = re.search(rf"`({key} = [^`]+)`", README[README.index(surface) - 200 :])
+        setting = re.search(
+            rf"`({key} = [^`]+)`", README[README.index(surface) - 200 :]
+        )
         case = case.replace(f"[{table}]", f"[{table}]\n{setting[1]}")
     case = case.replace("hardness = 6.0e9", "yield_stress = 2.5e9")
     (home / "measured.toml").write_text(case.replace("my-surface", "measured"))
     monkeypatch.chdir(home)
     done = invoke("run", "measured.toml", "--jobs", 1)
     assert done.returncode == 0, done
-    assert re.search("2 of 1920 heights missing.*mirrored at its edges", done.stdout, re.S)
+    assert re.search(
+        "2 of 1920 heights missing.*mirrored at its edges", done.stdout, re.DOTALL
+    )
 
 
 @pytest.mark.slow
 def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_path):
-    """On a map with tilt, holes and spikes it finds the areas of the map without any of them."""
+    """On a map with tilt, holes and spikes it finds the areas of the map without any of
+    them.
+    """
     guide = (ROOT / ".docs/tutorial.md").read_text(encoding="utf-8")
     case, python, *commands = (
-        re.findall(rf"^```{language}\n(.*?)^```", guide, re.M | re.S)
+        re.findall(rf"^```{language}\n(.*?)^```", guide, re.MULTILINE | re.DOTALL)
         for language in ("toml", "python", "bash")
     )
     lines = [line for text in commands[0] for line in text.splitlines()]
@@ -156,10 +182,14 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     assert (folder / "contact.png").stat().st_size > 10_000
     table = run([sys.executable, "-c", python[0]], folder)
     assert table.count(" Pa: 0.") == 4
-    assert re.search(r"heights are outliers.*: removed, at \(", " ".join(told["faulty"].split()))
+    assert re.search(
+        r"heights are outliers.*: removed, at \(", " ".join(told["faulty"].split())
+    )
     assert "outliers" not in told["clean"]
     rows, truth = (
-        json.loads((tmp_path / name / "results/joint/fast/bem.json").read_text())["loads"]
+        json.loads((tmp_path / name / "results/joint/fast/bem.json").read_text())[
+            "loads"
+        ]
         for name in ("faulty", "clean")
     )
     for row, true in zip(rows, truth, strict=True):
@@ -167,7 +197,9 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
         assert {"grid", "treatment", "hardness"} == area["parts"].keys()
         off = abs(area["mean"] - true["total_area"]["mean"])
         assert off < min(area["error"], 0.01 * area["mean"])
-        assert row["mean_gap"]["mean"] == pytest.approx(true["mean_gap"]["mean"], rel=0.01)
+        assert row["mean_gap"]["mean"] == pytest.approx(
+            true["mean_gap"]["mean"], rel=0.01
+        )
     assert [row["branch"] for row in rows] == ["loading"] * 3 + ["unloading"]
     assert rows[3]["total_area"]["mean"] > 2 * rows[0]["total_area"]["mean"]
 
@@ -193,7 +225,9 @@ def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home):
     defaults = (ROOT / "epcontact/harness/case_files/default_gates.toml").read_text()
     expected = 1 + defaults.count('of = "bem"')  # its own gate, and the default ones
     assert f"{expected} passed" in out
-    assert len(set(re.findall(r"\[(gw\d)\].* PASSED", out))) == 1, "one worker solves the case"
+    assert len(set(re.findall(r"\[(gw\d)\].* PASSED", out))) == 1, (
+        "one worker solves the case"
+    )
 
 
 @pytest.mark.parametrize("path", EXAMPLES)

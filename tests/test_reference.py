@@ -1,4 +1,6 @@
-"""Exact solutions: integrals and limits, closed forms as gates read them, orders towards them."""
+"""Exact solutions: integrals and limits, closed forms as gates read them, orders
+towards them.
+"""
 
 import math
 from dataclasses import replace
@@ -24,14 +26,18 @@ L = 1e-3
 
 
 def integral(function, low, high):
-    found = quad(lambda x: float(function(x)), low, high, epsabs=1e-13, epsrel=1e-11, limit=200)
+    found = quad(
+        lambda x: float(function(x)), low, high, epsabs=1e-13, epsrel=1e-11, limit=200
+    )
     return float(found[0])
 
 
 def periodic_displacement(pressure, points, period):
-    """Displacement at a line's points under p, mean free: kernel -(2/(pi E*)) ln|2 sin(pi x/L)|.
+    """Displacement at a line's points under p, mean free: kernel -(2/(pi E*)) ln|2
+    sin(pi x/L)|.
 
-    A spectral sum over cell-averaged samples; the pressure's kinks limit it to about 1e-5.
+    A spectral sum over cell-averaged samples; the pressure's kinks limit it to about
+    1e-5.
     """
     n = len(pressure)
     q = 2 * np.pi * np.fft.rfftfreq(n, period / n)
@@ -45,7 +51,9 @@ def test_lattice_sums():
         return 4 * float(mpmath.zeta(power) * mpmath.dirichlet(power, [0, 1, 0, -1]))
 
     found = (bumps.LATTICE_SUM_3, bumps.LATTICE_SUM_5, -bumps.MADELUNG)
-    assert found == pytest.approx([known(power) for power in (1.5, 2.5, 0.5)], rel=1e-14)
+    assert found == pytest.approx(
+        [known(power) for power in (1.5, 2.5, 0.5)], rel=1e-14
+    )
 
 
 def test_spheres_on_a_lattice():
@@ -55,22 +63,35 @@ def test_spheres_on_a_lattice():
     assert alone == pytest.approx(a, rel=1e-12)
     for ratio in (0.05, 0.1, 0.2):
         force = 4 * MODULUS * (ratio * L) ** 3 / (3 * RADIUS)
-        found = bumps.sphere_contact_radius_periodic(force, RADIUS, MODULUS, L) / (ratio * L)
-        assert found == pytest.approx((1 + 1.91699406 * ratio**3) ** (-1 / 3), abs=3 * ratio**5)
+        found = bumps.sphere_contact_radius_periodic(force, RADIUS, MODULUS, L) / (
+            ratio * L
+        )
+        assert found == pytest.approx(
+            (1 + 1.91699406 * ratio**3) ** (-1 / 3), abs=3 * ratio**5
+        )
         assert found < 1
 
 
 def test_cylinders_in_a_row():
-    """Their pressure carries -(E* L^2/(2 pi R)) ln cos(pi a/L), and the contact is flat."""
+    """Their pressure carries -(E* L^2/(2 pi R)) ln cos(pi a/L), and the contact is
+    flat.
+    """
 
     def pressure(x, a):
         return bumps.cylinder_pressure_periodic(x, a, RADIUS, MODULUS, L)
 
     for a in (0.1 * L, 0.3 * L, 0.45 * L):
-        force = -MODULUS * L**2 / (2 * math.pi * RADIUS) * math.log(math.cos(math.pi * a / L))
+        force = (
+            -MODULUS
+            * L**2
+            / (2 * math.pi * RADIUS)
+            * math.log(math.cos(math.pi * a / L))
+        )
         found = bumps.cylinder_half_width_periodic(force, RADIUS, MODULUS, L)
         assert found == pytest.approx(a, rel=1e-13)
-        assert 2 * integral(lambda x, a=a: pressure(x, a), 0, a) == pytest.approx(force, rel=1e-8)
+        assert 2 * integral(lambda x, a=a: pressure(x, a), 0, a) == pytest.approx(
+            force, rel=1e-8
+        )
     x = np.arange(1 << 15) * L / (1 << 15)
     inside, a = np.linspace(0, 0.98 * 0.35 * L, 50), 0.35 * L
     u = periodic_displacement(pressure(np.minimum(x, L - x), a), inside, L)
@@ -82,11 +103,15 @@ def test_a_strip_carries_its_force_and_ends_at_its_rim():
 
     def substituted(t):  # sin(pi x/L) = sin(pi a/L) sin(t): no singularity
         angle = math.asin(edge * math.sin(t))
-        pressure = posts.strip_pressure_periodic(np.array(4 / math.pi * angle), 5.0, 1.0, 4.0)
+        pressure = posts.strip_pressure_periodic(
+            np.array(4 / math.pi * angle), 5.0, 1.0, 4.0
+        )
         return float(pressure) * 4 / math.pi * edge * math.cos(t) / math.cos(angle)
 
     # The part left out at the rim is 5/pi 2e-6.
-    assert 2 * integral(substituted, 0, math.pi / 2 - 1e-6) == pytest.approx(5.0, rel=3e-6)
+    assert 2 * integral(substituted, 0, math.pi / 2 - 1e-6) == pytest.approx(
+        5.0, rel=3e-6
+    )
     assert posts.strip_pressure_periodic(np.array(1.5), 1.0, 1.0, 4.0) == 0
 
 
@@ -101,14 +126,26 @@ def test_means_of_a_wave_s_pressure_and_gap(load):
     assert gap == pytest.approx(waves.line_mean_gap(load), rel=1e-8)
     if 0 < load < 1:  # the energy is the work of the mean pressure
         step = 1e-5
-        slope = (waves.line_energy(load + step) - waves.line_energy(load - step)) / 2 / step
-        closing = (waves.line_mean_gap(load - step) - waves.line_mean_gap(load + step)) / 2 / step
+        slope = (
+            (waves.line_energy(load + step) - waves.line_energy(load - step)) / 2 / step
+        )
+        closing = (
+            (waves.line_mean_gap(load - step) - waves.line_mean_gap(load + step))
+            / 2
+            / step
+        )
         assert slope == pytest.approx(load * closing, rel=1e-6)
 
 
 def test_limits_of_waves():
-    """Light loads are Hertz's; the load on a hole has no stress intensity at its rim."""
-    assert (waves.line_mean_gap(0), waves.line_mean_gap(1), waves.line_energy(1)) == (1, 0, 0.25)
+    """Light loads are Hertz's; the load on a hole has no stress intensity at its
+    rim.
+    """
+    assert (waves.line_mean_gap(0), waves.line_mean_gap(1), waves.line_energy(1)) == (
+        1,
+        0,
+        0.25,
+    )
     amplitude, load = 1e-6, 1e-6
     complete = waves.line_complete_pressure(amplitude, L, MODULUS)
     radius = 1 / (amplitude * (2 * math.pi / L) ** 2)
@@ -119,16 +156,24 @@ def test_limits_of_waves():
     light = waves.surface_contact_fraction_light(1e-4)
     assert light == pytest.approx(2 * math.pi * a**2 / L**2, rel=1e-12)
     b = math.sqrt((1 - waves.surface_contact_fraction_heavy(0.99)) / (2 * math.pi))
-    missing = integral(lambda r: r * (0.01 - 2 * (math.pi * r) ** 2) / math.sqrt(b**2 - r**2), 0, b)
+    missing = integral(
+        lambda r: r * (0.01 - 2 * (math.pi * r) ** 2) / math.sqrt(b**2 - r**2), 0, b
+    )
     assert missing == pytest.approx(0, abs=1e-9 * b)
 
 
 def test_pressure_and_gap_of_a_wave_solve_the_contact_problem():
-    """The mean-free elastic displacement, less the waviness, is the gap less its mean."""
+    """The mean-free elastic displacement, less the waviness, is the gap less its
+    mean.
+    """
     n, load, amplitude = 16384, 0.4, 2e-6
     x = (np.arange(n) + 0.5) / n
-    p = waves.line_complete_pressure(amplitude, L, MODULUS) * waves.line_pressure(x, load)
-    gap = periodic_displacement(p, np.arange(n) * L / n, L) - amplitude * np.cos(2 * np.pi * x)
+    p = waves.line_complete_pressure(amplitude, L, MODULUS) * waves.line_pressure(
+        x, load
+    )
+    gap = periodic_displacement(p, np.arange(n) * L / n, L) - amplitude * np.cos(
+        2 * np.pi * x
+    )
     expected = amplitude * waves.line_gap(x, load)
     assert_allclose(gap - gap.mean(), expected - expected.mean(), atol=1e-5 * amplitude)
 
@@ -159,24 +204,34 @@ def scalar(form, quantity, scene):
 
 
 def test_capped_strip_has_its_two_limits():
-    # All of it flows when hardness times width carries the load; a light load yields a rim of
-    # Irwin's size: 1 - cos(pi p0/(2 sigma_P)) times cot of the half-angle.
+    # All of it flows when hardness times width carries the load; a light load yields a
+    # rim of Irwin's size: 1 - cos(pi p0/(2 sigma_P)) times cot of the half-angle.
     width = 601 / 1000
     nearly = punch(1000, 1e8 / width * (1 + 1e-9))
-    assert scalar("capped_strip", "area.plastic.raw", nearly) == pytest.approx(width, rel=1e-3)
+    assert scalar("capped_strip", "area.plastic.raw", nearly) == pytest.approx(
+        width, rel=1e-3
+    )
     rim = scalar("capped_strip", "area.plastic.raw", punch(1000, 1e12))
-    expected = 2 / math.pi * (math.pi * 1e-4 / 2) ** 2 / 2 / math.tan(math.pi * width / 2)
+    expected = (
+        2 / math.pi * (math.pi * 1e-4 / 2) ** 2 / 2 / math.tan(math.pi * width / 2)
+    )
     assert rim == pytest.approx(expected, rel=1e-6)
 
 
 def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
-    """kappa = sqrt(8/(pi gamma)): equal in the limit, 0.6 % below at an area of 0.15."""
+    """kappa = sqrt(8/(pi gamma)): equal in the limit, 0.6 % below at an area of
+    0.15.
+    """
     for load, deviation in ((1e-6, 0), (0.0749, 6e-3)):
         scene = rough(load * 0.02 * STIFFNESS)
         line = scalar("light_load", "area.total.corrected", scene)
         assert line == pytest.approx(2 * load, rel=1e-12)
-        theory = areas(2 / math.pi * (0.02 * STIFFNESS) ** 2 / 8, scene.load.final).elastic
-        assert theory == pytest.approx(line * (1 - deviation), rel=deviation / 10 + 1e-10)
+        theory = areas(
+            2 / math.pi * (0.02 * STIFFNESS) ** 2 / 8, scene.load.final
+        ).elastic
+        assert theory == pytest.approx(
+            line * (1 - deviation), rel=deviation / 10 + 1e-10
+        )
 
 
 @pytest.mark.parametrize(
@@ -184,19 +239,35 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
     [
         ("hertz", "quantity.mean_gap", BUMP),
         ("capped_strip", "area.plastic.raw", punch(100, 1.1e8)),
-        ("flat_punch", "quantity.conductance", elastic(FlatPunch((L, L), (9, 9), 4e-4, 1e-6), 1e8)),
-        ("flat", "quantity.approach", Scene(Surface(np.zeros(16), (1e-3,)), ELASTIC, Load(1e8))),
-        ("flat", "quantity.elastic_energy", replace(wave(1.5), body=Body("bonded_layer", 1e-3))),
+        (
+            "flat_punch",
+            "quantity.conductance",
+            elastic(FlatPunch((L, L), (9, 9), 4e-4, 1e-6), 1e8),
+        ),
+        (
+            "flat",
+            "quantity.approach",
+            Scene(Surface(np.zeros(16), (1e-3,)), ELASTIC, Load(1e8)),
+        ),
+        (
+            "flat",
+            "quantity.elastic_energy",
+            replace(wave(1.5), body=Body("bonded_layer", 1e-3)),
+        ),
     ],
 )
-def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(form, quantity, scene):
+def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(
+    form, quantity, scene
+):
     with pytest.raises(InvalidCase, match=rf"\A.*{form}.*\Z"):
         CLOSED_FORMS[form].scalar(quantity, scene)
     with pytest.raises(InvalidCase, match="hertz has no 'distribution'"):
         CLOSED_FORMS["hertz"].pressures(BUMP)
 
 
-PLACES = np.column_stack([(np.arange(16) + 0.5) / 16, np.random.default_rng(0).random(16)])
+PLACES = np.column_stack(
+    [(np.arange(16) + 0.5) / 16, np.random.default_rng(0).random(16)]
+)
 
 
 def on_a_wave(points, place):
@@ -208,7 +279,9 @@ def on_a_wave(points, place):
     exact = complete * waves.line_pressure(x, 0.3)
     areas, area = result.final.areas, waves.line_contact_fraction(0.3)
     return [
-        float(np.linalg.norm(result.fields["pressure"] - exact) / np.linalg.norm(exact)),
+        float(
+            np.linalg.norm(result.fields["pressure"] - exact) / np.linalg.norm(exact)
+        ),
         areas["raw"].total / area - 1,
         areas["corrected"].total / area - 1,
         result.final.quantities["mean_gap"] / (1e-6 * waves.line_mean_gap(0.3)) - 1,
@@ -220,7 +293,9 @@ def on_a_sphere(points, place):
     force = 4 * STIFFNESS * 0.2e-3**3 / (3 * 1e-2)
     radius = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
     recipe = Paraboloid((1e-3, 1e-3), (points, points), 1e-2, tuple(place))
-    areas = bem.solve(Scene(recipe.build(), ELASTIC, Load(force / 1e-6)), threads=1).final.areas
+    areas = bem.solve(
+        Scene(recipe.build(), ELASTIC, Load(force / 1e-6)), threads=1
+    ).final.areas
     exact = math.pi * (radius / 1e-3) ** 2
     return [areas[kind].total / exact - 1 for kind in ("raw", "corrected")]
 
@@ -247,10 +322,14 @@ def test_orders(errors, sizes, bounds):
 
 
 def test_energy_of_a_strip_punch_converges_to_the_closed_form():
-    """The pressure is singular at the rim: first order, and Richardson's limit of it is right."""
+    """The pressure is singular at the rim: first order, and Richardson's limit of it is
+    right.
+    """
     recipes = [FlatPunch((1e-3,), (points,), 0.3e-3, 1e-5) for points in (80, 160, 320)]
     scenes = [Scene(recipe.build(), ELASTIC, Load(1e8)) for recipe in recipes]
-    energy = [bem.solve(s, threads=1).final.quantities["elastic_energy"] for s in scenes]
+    energy = [
+        bem.solve(s, threads=1).final.quantities["elastic_energy"] for s in scenes
+    ]
     exact = -(1e8**2) * L / (math.pi * STIFFNESS) * math.log(math.sin(0.3 * math.pi))
     first, second = np.diff(energy)
     assert math.log2(first / second) == pytest.approx(1.0, abs=0.1)

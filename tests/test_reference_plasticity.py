@@ -12,10 +12,17 @@ SOLID = (1e-3, 200e9, 1e9, 0.3)
 
 @pytest.mark.parametrize(
     ("nu", "depth", "peak"),
-    [(0.0, 0.382, 1.299), (0.3, 0.481, 1.613), (0.4, 0.514, 1.739), (0.49, 0.545, 1.863)],
+    [
+        (0.0, 0.382, 1.299),
+        (0.3, 0.481, 1.613),
+        (0.4, 0.514, 1.739),
+        (0.49, 0.545, 1.863),
+    ],
 )
 def test_onset_under_a_sphere(nu, depth, peak):
-    """Minimised anew from Johnson's axis stresses in mpmath; and Jackson and Green's fit of it."""
+    """Minimised anew from Johnson's axis stresses in mpmath; and Jackson and Green's
+    fit of it.
+    """
     p0, z = ref.sphere_onset(nu)
     assert (p0, z) == pytest.approx((peak, depth), abs=6e-4)
     assert p0 == pytest.approx(1.295 * math.exp(0.736 * nu), rel=5e-3)
@@ -25,14 +32,20 @@ def test_onset_under_a_sphere(nu, depth, peak):
 def test_axis_stresses_carry_the_peak_pressure(depth):
     """sigma_z is the integral of Boussinesq's point loads over the contact."""
     carried = quad(
-        lambda r: -3 * depth**3 * r * math.sqrt(1 - r * r) / (r * r + depth**2) ** 2.5, 0, 1
+        lambda r: -3 * depth**3 * r * math.sqrt(1 - r * r) / (r * r + depth**2) ** 2.5,
+        0,
+        1,
     )[0]
     assert ref.sphere_axis_stresses(depth, 0.3)[1] == pytest.approx(carried, rel=1e-8)
 
 
 def test_limits_and_equilibrium_of_a_thick_sphere():
-    """d(sigma_r)/dr = 2 Y/r in the yielded part; the elastic part alone is at its onset."""
-    pressure, onset, collapse = (ref.thick_sphere_pressure(r, 1.0, 3.0, 2.0) for r in (1.7, 1, 3))
+    """d(sigma_r)/dr = 2 Y/r in the yielded part; the elastic part alone is at its
+    onset.
+    """
+    pressure, onset, collapse = (
+        ref.thick_sphere_pressure(r, 1.0, 3.0, 2.0) for r in (1.7, 1, 3)
+    )
     assert onset == pytest.approx(4 / 3 * (1 - 1 / 27))
     assert collapse == pytest.approx(4 * math.log(3))
     elastic = ref.thick_sphere_pressure(1.7, 1.7, 3.0, 2.0)
@@ -40,7 +53,9 @@ def test_limits_and_equilibrium_of_a_thick_sphere():
 
 
 def test_cavity_conserves_volume():
-    """The core's growth feeds the sphere: a tan(b)/2 = du/dc dc/da with c/a constant."""
+    """The core's growth feeds the sphere: a tan(b)/2 = du/dc dc/da with c/a
+    constant.
+    """
     mean = ref.cavity_mean_pressure(0.04, 1.0, 1e3, 1.0, 0.3)
     ratio = math.exp((mean - 2 / 3) / 2)  # c/a, from p_m = Y [2/3 + 2 ln(c/a)]
     core = 1e-3 * (3 * 0.7 * ratio**2 - 2 * 0.4 / ratio)
@@ -49,7 +64,10 @@ def test_cavity_conserves_volume():
 
 @pytest.mark.parametrize(("joint", "jump"), [(1.0, 0.075), (6.0, 0.035), (110.0, 0.08)])
 def test_pieces_meet_as_well_as_the_source_has_them(joint, jump):
-    below, above = ref.kogut_etsion(joint, 0.3), ref.kogut_etsion(joint * (1 + 1e-12), 0.3)
+    below, above = (
+        ref.kogut_etsion(joint, 0.3),
+        ref.kogut_etsion(joint * (1 + 1e-12), 0.3),
+    )
     assert below != above
     assert above == pytest.approx(below, rel=jump)
     near = ref.jackson_green(1.9 + 1e-9, *SOLID)

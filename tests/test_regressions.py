@@ -23,9 +23,17 @@ ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 
 
 def is_reused(path, output, **options):
-    """Verify a case and return whether the boundary elements' kept result was used again."""
+    """Verify a case and return whether the boundary elements' kept result was used
+    again.
+    """
     notes: list[str] = []
-    verify(path, output=output, jobs=1, progress=lambda *told: notes.append(told[-1]), **options)
+    verify(
+        path,
+        output=output,
+        jobs=1,
+        progress=lambda *told: notes.append(told[-1]),
+        **options,
+    )
     return any("(reused)" in words for words in notes if words and "bem" in words)
 
 
@@ -40,8 +48,12 @@ def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path
         ("[load]", "[bem]\ntolerance = 1e-7\n\n[load]"),
     ):
         assert not is_reused(write_case(ONE, change), tmp_path), change
-    for _ in range(2):  # of a solver that may change the second run has to solve again, too
-        assert not is_reused(write_case(ONE), tmp_path, solver="bem_of_mine=faults:honest")
+    for _ in range(
+        2
+    ):  # of a solver that may change the second run has to solve again, too
+        assert not is_reused(
+            write_case(ONE), tmp_path, solver="bem_of_mine=faults:honest"
+        )
     assert not is_reused(write_case(ONE), tmp_path)
 
 
@@ -60,7 +72,9 @@ def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
     assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
 
 
-@pytest.mark.parametrize("module", ["epcontact.bem.level", "epcontact.harness.methods.registry"])
+@pytest.mark.parametrize(
+    "module", ["epcontact.bem.level", "epcontact.harness.methods.registry"]
+)
 def test_kernels_compile_where_nothing_can_be_written(module, tmp_path):
     program = """
 import importlib, os, sys
@@ -73,11 +87,21 @@ print(os.environ["NUMBA_CACHE_DIR"])
 assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
 """
     (tmp_path / "file").touch()
-    environment = {"TMPDIR": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "file" / "kernels")}
-    command, environment = [sys.executable, "-c", program, module], os.environ | environment
-    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    environment = {
+        "TMPDIR": str(tmp_path),
+        "NUMBA_CACHE_DIR": str(tmp_path / "file" / "kernels"),
+    }
+    command, environment = (
+        [sys.executable, "-c", program, module],
+        os.environ | environment,
+    )
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, env=environment
+    )
     assert done.stdout.startswith(str(tmp_path / "epcontact-kernels-"))
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]  # gone with the process
+    assert [path.name for path in tmp_path.iterdir()] == [
+        "file"
+    ]  # gone with the process
 
 
 def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_path):
@@ -92,12 +116,20 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
     text = "from numba import njit\n@njit(cache=True)\ndef one(x):\n    return x + 1\n"
     (tmp_path / "fem_check" / "kernel.py").write_text(text)
     kernels = tmp_path / "kernels"
-    told = {"NUMBA_CACHE_DIR": str(kernels), "PYTHONPATH": str(tmp_path), "OMP_NUM_THREADS": ""}
+    told = {
+        "NUMBA_CACHE_DIR": str(kernels),
+        "PYTHONPATH": str(tmp_path),
+        "OMP_NUM_THREADS": "",
+    }
     for end in ("", "nbi", "nbc"):
         for path in kernels.rglob(f"*.{end}") if end else ():
             path.write_bytes(b"spoilt")
         done = python("-c", program, cwd=tmp_path, env=os.environ | told)
-        assert (done.returncode, done.stdout, "compiles kernels" in done.stderr) == (0, "3\n", True)
+        assert (done.returncode, done.stdout, "compiles kernels" in done.stderr) == (
+            0,
+            "3\n",
+            True,
+        )
 
 
 def test_time_limit_leaves_the_compilation_of_kernels_out():
@@ -108,7 +140,9 @@ def test_time_limit_leaves_the_compilation_of_kernels_out():
     assert (taken := machine.compile_seconds() - before) >= 0.7
     with pytest.raises(run.TimeUp, match="time limit"), run._limited(0.3):
         time.sleep(20)
-    assert not issubclass(run.TimeUp, NotConverged)  # after which elements try smaller steps
+    assert not issubclass(
+        run.TimeUp, NotConverged
+    )  # after which elements try smaller steps
     assert machine.compile_seconds() - before == taken
 
 
@@ -130,19 +164,27 @@ print(outer(3), outer(3.0), sum(outer.stats.cache_misses.values()), any(seen))
 """
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms and locks of files")
+@pytest.mark.skipif(
+    not hasattr(signal, "SIGALRM"), reason="needs alarms and locks of files"
+)
 def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
-    # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles the first one in
-    # every process, and does not see that the source of a kernel inside has changed.
+    # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles the
+    # first one in every process, and does not see that the source of a kernel inside
+    # has changed.
     package = tmp_path / "fem_check"  # the kernels of other packages are left to numba
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "outer.py").write_text(KERNELS)
-    folders = {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": str(tmp_path)}
+    folders = {
+        "NUMBA_CACHE_DIR": str(tmp_path / "kernels"),
+        "PYTHONPATH": str(tmp_path),
+    }
     command = [sys.executable, "-B", "-c", "import fem_check.outer"]
     for factor in (2, 5):
         inner = f"def twice(x):\n    return {factor} * x\n"
-        (package / "inner.py").write_text(f"from numba import njit\n@njit(cache=True)\n{inner}")
+        (package / "inner.py").write_text(
+            f"from numba import njit\n@njit(cache=True)\n{inner}"
+        )
         running = [
             subprocess.Popen(
                 command, cwd=tmp_path, stdout=subprocess.PIPE, env=os.environ | folders
@@ -151,5 +193,9 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
         ]
         said = [process.communicate(timeout=900)[0].split() for process in running]
         for whole, real, _, seen in said:
-            assert (int(whole), float(real), seen) == (3 * factor + 1, 3 * factor + 1, b"True")
+            assert (int(whole), float(real), seen) == (
+                3 * factor + 1,
+                3 * factor + 1,
+                b"True",
+            )
         assert sum(int(misses) for _, _, misses, _ in said) in (2, 3)

@@ -1,4 +1,6 @@
-"""The stability map: the project's own methods fail nowhere, and the failures of others show."""
+"""The stability map: the project's own methods fail nowhere, and the failures of others
+show.
+"""
 
 import json
 from functools import partial
@@ -17,7 +19,9 @@ def coarse():
 
 
 def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
-    own = coarse[coarse["method"].isin(["newton", "package"]) | (coarse["map"] == "fem")]
+    own = coarse[
+        coarse["method"].isin(["newton", "package"]) | (coarse["map"] == "fem")
+    ]
     assert len(own) == 16 + 4 + 20 + 18
     assert own["converged"].all()
     assert own["residual"].max() <= EXAMINED
@@ -28,10 +32,14 @@ def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
 
 
 def test_neither_sum_of_the_theory_serves_everywhere(coarse):
-    # Eigenfunctions lose small plastic areas to cancellation, images what is left of the elastic.
+    # Eigenfunctions lose small plastic areas to cancellation, images what is left of
+    # the elastic.
     _, diffusions = SIZES["coarse"]["theory"]
     narrow, wide = min(diffusions), max(diffusions)
-    for method, fails, holds in (("eigenfunctions", narrow, wide), ("images", wide, narrow)):
+    for method, fails, holds in (
+        ("eigenfunctions", narrow, wide),
+        ("images", wide, narrow),
+    ):
         own = coarse[(coarse["map"] == "theory") & (coarse["method"] == method)]
         converged = own.groupby("y")["converged"].all()
         assert (converged[fails], converged[holds]) == (False, True)
@@ -56,7 +64,11 @@ def failing(error):
     [
         (partial(bem.solve, area_tolerance=0.3), None, "claims to have converged"),
         (failing(ZeroDivisionError("of floats")), None, "ZeroDivisionError: of floats"),
-        (failing(NotConverged("stalled", {"gap": 1e-2, "force": 1e-9})), 1e-2, "stalled"),
+        (
+            failing(NotConverged("stalled", {"gap": 1e-2, "force": 1e-9})),
+            1e-2,
+            "stalled",
+        ),
     ],
 )
 def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
@@ -72,7 +84,9 @@ def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
 
 def test_files_hold_every_point(coarse, tmp_path):
     write(coarse, "coarse", tmp_path)
-    assert {path.stem for path in tmp_path.glob("*.png")} == {f"stability-{name}" for name in MAPS}
+    assert {path.stem for path in tmp_path.glob("*.png")} == {
+        f"stability-{name}" for name in MAPS
+    }
     content = json.loads((tmp_path / "stability.json").read_text())
     failed, capped = ~coarse["converged"], coarse["map"] == "capped"
     assert [*content["points"][0]] == [*coarse]
@@ -83,11 +97,16 @@ def test_files_hold_every_point(coarse, tmp_path):
 
 def test_the_maps_are_as_they_were_read(coarse, tmp_path):
     maps = coarse.groupby("map", sort=False)
-    lines = (x for name, one in maps for x in lines_of_chart(name, chart(one, "coarse")))
+    lines = (
+        x for name, one in maps for x in lines_of_chart(name, chart(one, "coarse"))
+    )
     same_as_read(lines, "stability.txt", tmp_path, counted="")
 
 
 def test_unknown_map_or_size():
-    for maps, size, word in ((["caped"], "coarse", "'caped'"), (["capped"], "huge", "'huge'")):
+    for maps, size, word in (
+        (["caped"], "coarse", "'caped'"),
+        (["capped"], "huge", "'huge'"),
+    ):
         with pytest.raises(InvalidCase, match=word):
             stability(maps, size)

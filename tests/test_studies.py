@@ -1,4 +1,6 @@
-"""Studies: every one runs small and its charts can be read, and what each found is so."""
+"""Studies: every one runs small and its charts can be read, and what each found is
+so.
+"""
 
 import functools
 import inspect
@@ -16,21 +18,51 @@ from as_read import lines_of_chart, same_as_read
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.processes import Child, ChildDied
-from epcontact.studies import STUDIES, areas, cost, fem, gap, peers, save_charts, theory, walls
+from epcontact.studies import (
+    STUDIES,
+    areas,
+    cost,
+    fem,
+    gap,
+    peers,
+    save_charts,
+    theory,
+    walls,
+)
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, root_mean_square, rows
 
 #: The options of each study that runs in seconds.
 SMALL: dict[str, dict[str, Any]] = {
-    "areas": {"seeds": (100,), "points": 16, "kinds": ("self-affine", "worn", "spheres")},
-    "bem": {"bandwidth": 16, "points": 4, "max_steps": 100, "tolerances": (1e-2, 1e-4, 1e-6)}
+    "areas": {
+        "seeds": (100,),
+        "points": 16,
+        "kinds": ("self-affine", "worn", "spheres"),
+    },
+    "bem": {
+        "bandwidth": 16,
+        "points": 4,
+        "max_steps": 100,
+        "tolerances": (1e-2, 1e-4, 1e-6),
+    }
     | {"methods": ("newton", "projected_gradient", "relaxation")},
     "accuracy": {},
     "conductance": {"breadths": (2, 3), "loads": (0.03, 0.1), "seeds": (1, 2)},
-    "fem": {"elements": (2,), "nodes": (3, 4, 6), "steps": (1, 2, 4), "sample": (4, (7,))}
+    "fem": {
+        "elements": (2,),
+        "nodes": (3, 4, 6),
+        "steps": (1, 2, 4),
+        "sample": (4, (7,)),
+    }
     | {"paths": ([(8, 4), (16, 8)], (5, 6))},
     "gamma": {"points": 4, "bandwidth": 64},
-    "gap": {"points": 4, "bandwidth": 16, "seeds": range(3), "grids": (3, 6), "block_waves": 4},
+    "gap": {
+        "points": 4,
+        "bandwidth": 16,
+        "seeds": range(3),
+        "grids": (3, 6),
+        "block_waves": 4,
+    },
     "gap_distribution": {"points": 4, "wide": 16, "seeds": (33, 34), "narrow": 8},
     "hardness": {"surfaces": 2, "nodes": 12, "severities": (5.0, 15.0), "nus": (0.3,)},
     "hardness-map": {},
@@ -38,10 +70,17 @@ SMALL: dict[str, dict[str, Any]] = {
     "magnification": {"points": 4, "bandwidth": 16, "count": 5, "seeds": range(3)},
     "persistence": {"severities": (5.0,), "seeds": (1, 2), "nodes": 16},
     "pressures": {"bandwidth": 16, "points": (4, 8, 16), "seeds": range(3)},
-    "residual": {"points": 4, "wide": 16, "seeds": (5, 6), "narrow": 4, "hardnesses": (0.16,)},
+    "residual": {
+        "points": 4,
+        "wide": 16,
+        "seeds": (5, 6),
+        "narrow": 4,
+        "hardnesses": (0.16,),
+    },
     "rough-body": {"slopes": (0.05,), "seeds": (1, 2), "nodes": 12},
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
-    "treatment": {"points": (24,), "seeds": (2,), "tiles": 2} | {"kinds": ("rolled off", "turned")},
+    "treatment": {"points": (24,), "seeds": (2,), "tiles": 2}
+    | {"kinds": ("rolled off", "turned")},
     "validity": {"points": (6, 8)},
     "walls": {"bandwidths": (16,), "seeds": (1, 2, 3), "points": 4},
 }
@@ -61,12 +100,15 @@ def of_kind(table, kind, column="relative_error"):
     return table[table["series"] == kind][column].to_numpy()
 
 
-# --- every study --------------------------------------------------------------------------------
+# --- every study
+# --------------------------------------------------------------------------------
 
 
-#: Of these the numbers are a clock's, counts of work, or those of an estimate of errors.
+#: Of these the numbers are a clock's, counts of work, or those of an estimate of
+#: errors.
 COUNTED = "areas|bem|speed|fem 4:|fem 5, (iterations|axes|line)"
-#: The ledger's rows are those of the last release; `test_accuracy` draws rows of its own.
+#: The ledger's rows are those of the last release; `test_accuracy` draws rows of its
+#: own.
 DRAWN = sorted(STUDIES.keys() - {"peers", "accuracy"})
 
 
@@ -78,12 +120,16 @@ def test_a_study_shows_what_was_read_and_found_right(name, tmp_path):
     for number, chart in enumerate(charts_of(name), 1):
         assert study.description in chart.caption
         assert all(option in chart.caption for option in SMALL[name])
-        x, y, low, high = drawn(name, number).dropna(subset="low").iloc[:, 1:5].to_numpy().T
+        x, y, low, high = (
+            drawn(name, number).dropna(subset="low").iloc[:, 1:5].to_numpy().T
+        )
         assert ((low <= y + 1e-12) & (y <= high)).all()  # zero is drawn at 1e-12
         assert not x.size or (low < high).any()
     if name in DRAWN:
         charts = enumerate(charts_of(name), 1)
-        lines = (line for n, chart in charts for line in lines_of_chart(f"{name} {n}", chart))
+        lines = (
+            line for n, chart in charts for line in lines_of_chart(f"{name} {n}", chart)
+        )
         lines = [line for line in lines if "Time in" not in line]
         same_as_read(lines, f"study-{name}.txt", tmp_path, COUNTED)
 
@@ -96,7 +142,9 @@ def test_the_shares_within_their_claim_are_those_of_the_marks(monkeypatch):
     labels = [text.get_text() for text in chart.figure.axes[0].get_yticklabels()]
     assert labels == ["c, 100%", "b, 33%", "a, 67%"]
     assert chart.caption.startswith("Of 9 areas 67% are within their claim. ")
-    marks = [(k, min(max(t, 1e-3), 1e2), "cba".index(k)) for k in times for t in times[k]]
+    marks = [
+        (k, min(max(t, 1e-3), 1e2), "cba".index(k)) for k in times for t in times[k]
+    ]
     assert [row[:3] for row in chart.rows] == marks
 
 
@@ -105,7 +153,9 @@ def test_finite_elements_near_the_gap_of_boundary_elements():
     off = table.abs().groupby(level=0).max()
     for law in scenes.LAWS:
         assert off[f"{law}, 6 points"] < min(5, 0.5 * off[f"{law}, 3 points"])
-    j2, cap = drawn("gap", 4).groupby("series")[gap.OPEN].last()[["fem, j2", "bem, capped"]]
+    j2, cap = (
+        drawn("gap", 4).groupby("series")[gap.OPEN].last()[["fem, j2", "bem, capped"]]
+    )
     assert table["j2, 6 points"].iloc[-1] == pytest.approx(100 * (j2 / cap - 1))
     # J2 at 3 times the yield stress flows more than the cap: the model, not the grid.
     assert table["j2, 6 points"].iloc[-1] < -20
@@ -115,81 +165,126 @@ def test_distances_of_gaps_are_known():
     """Gaps twice as wide are one mean gap apart."""
     same = {"ratio": 0.6, "seed": 1, "gap_over_rms_height": gap.GAPS}
     table = pd.concat(
-        pd.DataFrame(same | {"method": method, "cumulative_area": np.minimum(gap.GAPS / wide, 1)})
+        pd.DataFrame(
+            same | {"method": method, "cumulative_area": np.minimum(gap.GAPS / wide, 1)}
+        )
         for method, wide in (("bem", 2), ("fem", 4))
     )
     assert gap.distances(table, "bem", "bem")["distance"].tolist() == [0.0]
-    assert gap.distances(table, "fem", "bem")["distance"].item() == pytest.approx(1.0, abs=0.01)
+    assert gap.distances(table, "fem", "bem")["distance"].item() == pytest.approx(
+        1.0, abs=0.01
+    )
 
 
 def test_errors_of_finite_elements_fall():
-    """With mean dilatation, with the depth of the block to its longest wave, and with the steps."""
+    """With mean dilatation, with the depth of the block to its longest wave, and with
+    the steps.
+    """
     errors = drawn("fem", 1).set_index("series")["relative_error"]
     assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
     deep = [fem.depth_error(1, depth)["relative_error"] for depth in (0.25, 0.5, 1.0)]
-    assert deep[0] > deep[1] > deep[2] < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
+    assert (
+        deep[0] > deep[1] > deep[2] < 2e-3
+    )  # 64 nodes a wave leave 1e-3 of discretisation
     one, two = of_kind(drawn("fem", 4), "mean gap")
     assert two < one < 0.05
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
     charts, ends = charts_of("gamma"), (".png", ".svg", ".csv", ".txt")
-    paths = save_charts("alone", charts[:1], tmp_path) + save_charts("pair", charts, tmp_path)
-    stems = sorted(f"{stem}{end}" for stem in ("alone", "pair-1", "pair-2") for end in ends)
+    paths = save_charts("alone", charts[:1], tmp_path) + save_charts(
+        "pair", charts, tmp_path
+    )
+    stems = sorted(
+        f"{stem}{end}" for stem in ("alone", "pair-1", "pair-2") for end in ends
+    )
     assert sorted(path.name for path in paths) == stems
     assert sorted(path.name for path in tmp_path.iterdir()) == stems
 
 
 def test_rows_are_the_product_of_the_axes():
     said: list[str] = []
-    table = rows(said.append, lambda load, law: {"area": load}, load=(0.5, 2.0), law=("a", "b"))
-    assert table.to_numpy().tolist() == [[p, law, p] for p in (0.5, 2.0) for law in "ab"]
+    table = rows(
+        said.append, lambda load, law: {"area": load}, load=(0.5, 2.0), law=("a", "b")
+    )
+    assert table.to_numpy().tolist() == [
+        [p, law, p] for p in (0.5, 2.0) for law in "ab"
+    ]
     assert said[1] == "load 0.5, law b"
 
 
 def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_average_out():
-    columns = {"law": [*"babba"], "x": [2.0, 5, 4, 9, 7], "share": [0.05, 0.5, 0.1, 0.9, 0.7]}
-    table = pd.DataFrame(columns | {"claim": [0.3, 0.1, 0.6, 0.9, 0.2], "seed": [1, 1, 2, 3, 2]})
+    columns = {
+        "law": [*"babba"],
+        "x": [2.0, 5, 4, 9, 7],
+        "share": [0.05, 0.5, 0.1, 0.9, 0.7],
+    }
+    table = pd.DataFrame(
+        columns | {"claim": [0.3, 0.1, 0.6, 0.9, 0.2], "seed": [1, 1, 2, 3, 2]}
+    )
     for value, error in (("x", ""), ("x", "claim"), ("share", "claim")):
         found = mean_with_interval(table, value, ["law"], error)
-        found = found[["law", value, f"{value}_low", f"{value}_high"]].to_numpy().tolist()
-        for (law, *told), t in zip(found, (4.302653 / 3**0.5, 12.706205 / 2**0.5), strict=True):
+        found = (
+            found[["law", value, f"{value}_low", f"{value}_high"]].to_numpy().tolist()
+        )
+        for (law, *told), t in zip(
+            found, (4.302653 / 3**0.5, 12.706205 / 2**0.5), strict=True
+        ):
             one = table[table["law"] == law]
             mean, claim = one[value].mean(), one[error].mean() if error else 0.0
             half = math.hypot(t * np.std(one[value], ddof=1), claim)
-            low, high = (max(mean - half, 0), min(mean + half, 1)) if value == "share" else (
-                mean - half, mean + half)  # fmt: skip
+            low, high = (
+                (max(mean - half, 0), min(mean + half, 1))
+                if value == "share"
+                else (mean - half, mean + half)
+            )
             assert told == pytest.approx([mean, low, high], rel=1e-6)
     means = root_mean_square(table, "x", ["law"])
     assert means[["x", "share"]].to_numpy() == pytest.approx(
-        np.array([[(101 / 3) ** 0.5, 0.35], [37**0.5, 0.6]]))  # fmt: skip
+        np.array([[(101 / 3) ** 0.5, 0.35], [37**0.5, 0.6]])
+    )
 
 
-# --- theory --------------------------------------------------------------------------------------
+# --- theory
+# --------------------------------------------------------------------------------------
 
 
 def test_areas_of_the_theory_give_back_their_gamma():
     table, tau = theory.theory_areas(), scenes.MODULUS**2 / 8
 
     def fits(width, g, elastic):
-        """The fits of the theory's areas at a gamma, and at another one of the elastic body."""
+        """The fits of the theory's areas at a gamma, and at another one of the elastic
+        body.
+        """
         found = []
         for name in theory.AREAS:
             capped = (name, scenes.HARDNESS, g)
-            part, cap, gamma = capped if name in theory.PARTS else ("total", math.inf, elastic)
+            part, cap, gamma = (
+                capped if name in theory.PARTS else ("total", math.inf, elastic)
+            )
             area = getattr(persson.areas(gamma * tau, scenes.MEAN_PRESSURE, cap), part)
             ends = {"_low": 1 - width, "": 1.0, "_high": 1 + width}
-            told = {f"area_fraction{end}": float(area) * times for end, times in ends.items()}
+            told = {
+                f"area_fraction{end}": float(area) * times
+                for end, times in ends.items()
+            }
             found.append(theory.fit_gamma(table, told | {"area": name}))
         return found
 
-    # The table's steps of 0.005, between which it is linear, leave curvature times 3e-6.
+    # The table's steps of 0.005, between which it is linear, leave curvature times
+    # 3e-6.
     same = np.array(fits(1e-3, 0.536, 0.536))
     assert same[:, 0] == pytest.approx(0.536, abs=2e-5)
     # Intervals wide enough to hold both are no evidence.
-    for width, elastic, one in ((1e-3, 0.5, True), (1e-3, 0.6, False), (0.2, 0.6, True)):
+    for width, elastic, one in (
+        (1e-3, 0.5, True),
+        (1e-3, 0.6, False),
+        (0.2, 0.6, True),
+    ):
         assert theory.one_gamma(fits(width, 0.5, elastic)) == one
-    none = dict.fromkeys(("area_fraction", "area_fraction_low", "area_fraction_high"), 0.9)
+    none = dict.fromkeys(
+        ("area_fraction", "area_fraction_low", "area_fraction_high"), 0.9
+    )
     lost = theory.fit_gamma(table, none | {"area": "total"})
     assert np.isnan(lost).all()
     # No gamma fits the capped and the elastic body of boundary elements.
@@ -208,16 +303,25 @@ def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_doe
         exact = np.interp(zeta, curve["magnification"], curve["area_fraction"])
         density = densities[densities["series"] == f"zeta = {zeta:.3g}, theory"]
         width = density["pressure_GPa"].diff().iloc[1]
-        assert density["density_per_GPa"].sum() * width == pytest.approx(exact, rel=1e-3)
+        assert density["density_per_GPa"].sum() * width == pytest.approx(
+            exact, rel=1e-3
+        )
 
 
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     scene = scenes.rough_scene(4, 1, 8)
     known, exact = theory.theory_figures(scene), scenes.by_theory(scene)
-    G, load, cap = exact.final.quantities["diffusion"], scenes.MEAN_PRESSURE, scenes.HARDNESS
-    # A million pressures, evenly by their share of the area, as a field of boundary elements.
+    G, load, cap = (
+        exact.final.quantities["diffusion"],
+        scenes.MEAN_PRESSURE,
+        scenes.HARDNESS,
+    )
+    # A million pressures, evenly by their share of the area, as a field of boundary
+    # elements.
     sigma, share = np.linspace(0, cap, 20001), (np.arange(1_000_000) + 0.5) / 1_000_000
-    pressure = np.interp(share, persson.pressure_cumulative(sigma, G, load, cap), sigma, right=0.0)
+    pressure = np.interp(
+        share, persson.pressure_cumulative(sigma, G, load, cap), sigma, right=0.0
+    )
     pressure[share > 1 - exact.final.areas["raw"].plastic] = cap
     found = theory.end_figures(replace(exact, fields={"pressure": pressure}), 4)
     found, known = (pd.DataFrame(each).set_index("end") for each in (found, known))
@@ -225,8 +329,8 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
         slope = known[theory.SLOPE][end]
         assert found[theory.SLOPE][end] == pytest.approx(slope, rel=2e-3)
         assert abs(found[theory.DENSITY][end]) < 2e-3
-        # P bends down from both its ends, so that the mean slope is below that at the very end.
-        # It rises from zero pressure, and falls towards the hardness.
+        # P bends down from both its ends, so that the mean slope is below that at the
+        # very end. It rises from zero pressure, and falls towards the hardness.
         sign = 1 if at == "zero" else -1
         steepest = sign * cap**2 * exact.final.quantities[f"density_slope_at_{at}"]
         assert 0.9 * steepest < slope < steepest
@@ -235,16 +339,24 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
 def test_limits_of_exact_powers_are_exact():
     for figure, limit in {theory.DENSITY: 0.1, theory.SLOPE: 0.3}.items():
         order = theory.FIGURES[figure][2]
-        rows = [(seed, n, "0+", limit + 0.4 * n**-order) for seed in (1, 2) for n in (4, 8, 16)]
-        table = pd.DataFrame(rows, columns=["seed", "points_per_wavelength", "end", figure])
+        rows = [
+            (seed, n, "0+", limit + 0.4 * n**-order)
+            for seed in (1, 2)
+            for n in (4, 8, 16)
+        ]
+        table = pd.DataFrame(
+            rows, columns=["seed", "points_per_wavelength", "end", figure]
+        )
         (found,) = theory.grid_limits(table, figure).to_dict("records")
-        # Surfaces that agree and a fit that is exact leave no error; slopes have two grids left.
+        # Surfaces that agree and a fit that is exact leave no error; slopes have two
+        # grids left.
         assert found[figure] == pytest.approx(limit, abs=1e-12)
         width = found[f"{figure}_high"] - found[f"{figure}_low"]
         assert width < 1e-12 or figure == theory.SLOPE
 
 
-# --- cost ----------------------------------------------------------------------------------------
+# --- cost
+# ----------------------------------------------------------------------------------------
 
 
 def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
@@ -263,18 +375,24 @@ def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
     assert (loose <= tight).all()
     # Of these grids only the larger one has a coarser grid to start from.
     assert number == 2 or tight[-1] <= 12
-    # So small a grid has areas in steps of one point, which is this share of the smallest.
+    # So small a grid has areas in steps of one point, which is this share of the
+    # smallest.
     errors = drawn("speed", 5)
     assert (errors["area_error"] <= cost.AREA + 20 / errors["points_a_side"] ** 2).all()
 
 
-# --- gap -----------------------------------------------------------------------------------------
+# --- gap
+# -----------------------------------------------------------------------------------------
 
 
 def test_cap_and_theory_differ_on_the_way_down():
-    """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening has none."""
+    """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening
+    has none.
+    """
     models = ("cap", "theory")
-    table = rows(lambda _: None, gap.cycle, model=models, seed=[77], points=[4], bandwidth=[16])
+    table = rows(
+        lambda _: None, gap.cycle, model=models, seed=[77], points=[4], bandwidth=[16]
+    )
     light = table[table["load_over_peak"] == 0.02].set_index(["model", "branch"])
     ratio = light.xs("down", level="branch") / light.xs("up", level="branch")
     assert 3 < ratio[gap.AREA]["cap"] < 6
@@ -285,7 +403,8 @@ def test_cap_and_theory_differ_on_the_way_down():
     assert spent.last()["cap"] > 0.95  # what is stored at the peak has been given back
 
 
-# --- peers ---------------------------------------------------------------------------------------
+# --- peers
+# ---------------------------------------------------------------------------------------
 
 
 def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
@@ -313,7 +432,9 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
 
     solvers = {"ContactMechanics": same, "tamaas": wrong, "slow": late}
     call = lambda function, solve, limit: function(solve)  # noqa: E731
-    found = pd.DataFrame({"law": "capped"} | row for row in peers.race("capped", 8, solvers, call))
+    found = pd.DataFrame(
+        {"law": "capped"} | row for row in peers.race("capped", 8, solvers, call)
+    )
     assert found["agrees"].tolist() == [True, False, False, True, True]
     plot, table, title = peers.race_chart(found)
     named = [("ContactMechanics", ""), *(("epcontact", aim) for aim in cost.AIMS)]
@@ -330,10 +451,13 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
 @pytest.mark.parametrize("law", ["capped", "elastic"])
 def test_installed_peers_find_the_same_areas(law):
     pytest.importorskip("tamaas")
-    assert all(row["agrees"] for row in peers.race(law, 8, peers.installed(), Child().call))
+    assert all(
+        row["agrees"] for row in peers.race(law, 8, peers.installed(), Child().call)
+    )
 
 
-# --- walls ---------------------------------------------------------------------------------------
+# --- walls
+# ---------------------------------------------------------------------------------------
 
 
 def test_in_full_contact_pressures_diffuse_at_the_full_rate_without_drift():
@@ -344,12 +468,19 @@ def test_in_full_contact_pressures_diffuse_at_the_full_rate_without_drift():
 
 
 def test_fewer_points_stay_beyond_a_wall_the_smaller_the_step():
-    """Fronts that move to and fro as the root of the step: the weaker the ring, the more return."""
-    parts = [walls.steps(seed, 16, (0.3, 0.6), 16, (1.0, 1 / 16)) for seed in range(1, 5)]
-    flows = pd.concat([flow for flow, _ in parts]).groupby(["wall", "w"])["returned"].mean()
+    """Fronts that move to and fro as the root of the step: the weaker the ring, the
+    more return.
+    """
+    parts = [
+        walls.steps(seed, 16, (0.3, 0.6), 16, (1.0, 1 / 16)) for seed in range(1, 5)
+    ]
+    flows = (
+        pd.concat([flow for flow, _ in parts]).groupby(["wall", "w"])["returned"].mean()
+    )
     for wall in ("at zero", "at hardness"):
         assert flows[wall, 1 / 16] > flows[wall, 1.0] + 0.05
-    # Weak rings change the distribution as if the pressures hardly moved next to the walls.
+    # Weak rings change the distribution as if the pressures hardly moved next to the
+    # walls.
     table = pd.concat([rows for _, rows in parts])
     table = table[table["w"] == 1].groupby("relative_pressure")["reduction"].mean()
     assert table.iloc[0] < 0.1
@@ -357,7 +488,11 @@ def test_fewer_points_stay_beyond_a_wall_the_smaller_the_step():
 
 
 def test_limits_of_the_returning_share_are_those_of_a_straight_line_in_the_root_of_the_step():
-    told = [(seed, w, 1.02 - seed / 100 - 0.3 * w**0.5) for seed in (1, 3) for w in (1, 0.25)]
+    told = [
+        (seed, w, 1.02 - seed / 100 - 0.3 * w**0.5)
+        for seed in (1, 3)
+        for w in (1, 0.25)
+    ]
     flows = pd.DataFrame(told, columns=["seed", "w", "returned"])
     flows = flows.assign(hardness=0.6, p0=0.1, bandwidth=16, wall="zero")
     (found,) = walls.limits(flows).to_dict("records")

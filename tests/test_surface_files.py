@@ -1,4 +1,6 @@
-"""Heights from arrays and files: formats, units, periodicity, and every way to be wrong."""
+"""Heights from arrays and files: formats, units, periodicity, and every way to be
+wrong.
+"""
 
 import contextlib
 import itertools
@@ -22,7 +24,13 @@ from epcontact.planning.grids import one_directional
 from epcontact.results import COLUMNS
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.studies.areas import KINDS, member
-from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine, readers, recipes_of
+from epcontact.surfaces import (
+    HeightsFromArray,
+    HeightsFromFile,
+    SelfAffine,
+    readers,
+    recipes_of,
+)
 from epcontact.surfaces.power_spectrum import even_moments, surface_moments
 from epcontact.surfaces.treatment import (
     EDGE_ERRORS,
@@ -33,7 +41,8 @@ from epcontact.surfaces.treatment import (
     outliers,
 )
 
-# The heights are about as large as the period, which changes nothing of what is tested here.
+# The heights are about as large as the period, which changes nothing of what is tested
+# here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
 L = 2 * math.pi
@@ -44,13 +53,19 @@ MAP = SelfAffine(SPECTRUM, (L, L), (48, 50), seed=1).build().heights
 #: A piece of a larger surface, tilted: as a profilometer sees it.
 CUT_OUT = MAP[:40, :31] + 0.01 * np.arange(40)[:, None] - 0.02 * np.arange(31)
 GOOD = HeightsFromArray(HILLS, (1e3, 1e3), "periodic")
-STEPS, MARKED, OBLONG = "are in steps of", "heights are -9999, far from all others", "times as long"
+STEPS, MARKED, OBLONG = (
+    "are in steps of",
+    "heights are -9999, far from all others",
+    "times as long",
+)
 HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 1000000000)}\n"
 
 
 @pytest.fixture
 def write(tmp_path):
-    """Write bytes, or heights [x, y] as a picture in the format of the name's ending."""
+    """Write bytes, or heights [x, y] as a picture in the format of the name's
+    ending.
+    """
 
     def write(name, content):
         path = tmp_path / name
@@ -62,7 +77,9 @@ def write(tmp_path):
             np.save(path, content)
         else:
             delimiter = {".csv": ",", ".dat": ";"}.get(path.suffix, " ")
-            np.savetxt(path, content, delimiter=delimiter, header="heights, in micrometres")
+            np.savetxt(
+                path, content, delimiter=delimiter, header="heights, in micrometres"
+            )
         return path
 
     return write
@@ -74,18 +91,29 @@ def refused(words):
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("a.npy", ">f8"), ("a.npy", "<i2"), ("a.txt", "f8"), ("a.dat", "f8"), ("A.CSV", "f8")],
+    [
+        ("a.npy", ">f8"),
+        ("a.npy", "<i2"),
+        ("a.txt", "f8"),
+        ("a.dat", "f8"),
+        ("A.CSV", "f8"),
+    ],
 )
 def test_every_format_holds_the_same_heights(write, name, kind):
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
     # savetxt writes 19 digits; the unit costs a rounding.
     assert np.array_equal(surface.heights, heights * 1e-6)
-    assert (surface.periods, "as in its picture" in str(surface.notes)) == ((L, 2 * L), True)
+    assert (surface.periods, "as in its picture" in str(surface.notes)) == (
+        (L, 2 * L),
+        True,
+    )
     line = MAP[3]
     for written in (line, line[:, None]):  # one column, one row
         path = write(name, written.squeeze() if name.endswith("npy") else written)
-        assert np.array_equal(HeightsFromFile(path, (3.0,), 1.0, "refuse").build().heights, line)
+        assert np.array_equal(
+            HeightsFromFile(path, (3.0,), 1.0, "refuse").build().heights, line
+        )
 
 
 @pytest.mark.parametrize(
@@ -95,20 +123,36 @@ def test_every_format_holds_the_same_heights(write, name, kind):
         ("a.txt", b"1.5, 2.5\n3.5, 4.5\n", []),
         ("b.csv", b"1,5;2,5\n3,5;4,5\n", ["decimal commas"]),
         ("c.txt", b"1,5 2,5\n3,5 4,5\n", ["decimal commas"]),
-        ("d.txt", "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n".encode("latin-1"), ["s: 2", "Latin-1"]),
-        ("e.csv", "\ufeffh;h\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n".encode(), ["of heights: 1"]),
+        (
+            "d.txt",
+            "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n".encode("latin-1"),
+            ["s: 2", "Latin-1"],
+        ),
+        (
+            "e.csv",
+            "\ufeffh;h\r\n1.5;2.5\r\n\r\n3.5;4.5 # last\r\n".encode(),
+            ["of heights: 1"],
+        ),
         # As spreadsheets save "Unicode text".
-        ("f.txt", "\ufeffh\n1.5\t2.5\n3.5\t4.5\n".encode("utf-16-le"), ["s: 1", "as UTF-16"]),
+        (
+            "f.txt",
+            "\ufeffh\n1.5\t2.5\n3.5\t4.5\n".encode("utf-16-le"),
+            ["s: 1", "as UTF-16"],
+        ),
     ],
 )
 def test_tables_as_programs_write_them(write, name, content, notes):
-    surface = HeightsFromFile(write(name, content), (100.0, 100.0), 1.0, "periodic").build()
+    surface = HeightsFromFile(
+        write(name, content), (100.0, 100.0), 1.0, "periodic"
+    ).build()
     assert np.array_equal(surface.heights, [[1.5, 3.5], [2.5, 4.5]])
     assert all(any(words in note for note in surface.notes) for words in notes)
 
 
 def test_commas_that_are_both_separators_and_decimals_are_told(write):
-    lines = "\n".join(",".join(f"{v:.3f}".replace(".", ",") for v in row) for row in MAP[:9, :8])
+    lines = "\n".join(
+        ",".join(f"{v:.3f}".replace(".", ",") for v in row) for row in MAP[:9, :8]
+    )
     with refused("its commas separate the numbers and are decimal commas"):
         HeightsFromFile(write("map.csv", lines.encode()), (L, L), 1.0).build()
     whole = write("whole.csv", b"10,20,3,40\n5,60,7,80\n9,10,11,12\n")
@@ -142,7 +186,9 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
 
     recipe = read(points)
     assert recipe.periods == pytest.approx((1.2e-3, 2.25e-3), rel=1e-6)
-    assert recipe.build().heights == pytest.approx(1e-3 * (heights - heights.mean()), abs=1e-15)
+    assert recipe.build().heights == pytest.approx(
+        1e-3 * (heights - heights.mean()), abs=1e-15
+    )
     above = np.concatenate([points, points + np.array([0, 0, 5])])
     scattered = points + np.random.default_rng(1).uniform(0, 0.1, points.shape)
     for wrong in (above, scattered, points[:, [2, 0, 1]]):
@@ -155,9 +201,16 @@ def test_lists_of_points_are_maps_with_or_without_missing_points(write):
     x, y = np.meshgrid(2.0 + 0.4 * np.arange(12), 0.8 * np.arange(9), indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel(), MAP[:12, :9].ravel()])
     rng = np.random.default_rng(3)
-    for name, gone in (("whole.xyz", 0), ("map.csv", 0), ("gaps.xyz", 30), ("gaps.txt", 30)):
+    for name, gone in (
+        ("whole.xyz", 0),
+        ("map.csv", 0),
+        ("gaps.xyz", 30),
+        ("gaps.txt", 30),
+    ):
         left = rng.permutation(points)[gone:]
-        text = "X, Y, Z\n" + "\n".join(",".join(map(repr, row)) for row in left.tolist())
+        text = "X, Y, Z\n" + "\n".join(
+            ",".join(map(repr, row)) for row in left.tolist()
+        )
         path = write(name, text.encode() + b"\n2.4, 0.8, No Data" * (name == "marked"))
         steps: Any = {"treatment": "periodic", "missing": "nearest", "form": 0}
         recipe = HeightsFromFile(path, unit=1e-6, **steps)
@@ -178,7 +231,9 @@ def test_lists_of_points_are_maps_with_or_without_missing_points(write):
 
 def test_a_zip_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr(readers, "_UNPACKED", 2**20)
-    monkeypatch.setitem(sys.modules, "SurfaceTopography", types.SimpleNamespace(open_topography=0))
+    monkeypatch.setitem(
+        sys.modules, "SurfaceTopography", types.SimpleNamespace(open_topography=0)
+    )
     path = tmp_path / "bomb.x3p"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("data.bin", bytes(2**21))
@@ -194,11 +249,14 @@ def test_outliers_are_told_with_their_places_and_removed_on_demand(spikes):
     with pytest.warns(SurfaceWarning, match=f"{spikes} of 120000 heights are outliers"):
         HeightsFromArray(given, (320e-6, 240e-6), "periodic", **steps).build()
     kept, removed = (
-        HeightsFromArray(given, (320e-6, 240e-6), "periodic", outliers=word, **steps).build()
+        HeightsFromArray(
+            given, (320e-6, 240e-6), "periodic", outliers=word, **steps
+        ).build()
         for word in ("keep", "remove")
     )
     truth = HeightsFromArray(clean, (320e-6, 240e-6), "periodic", **steps).build()
-    # In the place of a spike is the mean of its neighbours, whose waves have four points or more.
+    # In the place of a spike is the mean of its neighbours, whose waves have four
+    # points or more.
     assert np.abs(removed.heights - truth.heights)[moved].max() < 0.3e-6
     assert np.abs(removed.heights - truth.heights)[~moved].max() < 0.01e-6
     assert kept.rms_slope > 1.02 * truth.rms_slope
@@ -208,16 +266,24 @@ def test_outliers_are_told_with_their_places_and_removed_on_demand(spikes):
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"outliers"}))
 def test_what_a_real_surface_does_is_no_outlier(kind):
     for seed in (21, 22):
-        heights = KINDS[kind](member(KINDS, kind, seed, 96), np.random.default_rng(seed))
+        heights = KINDS[kind](
+            member(KINDS, kind, seed, 96), np.random.default_rng(seed)
+        )
         assert not outliers(heights).any()
         assert not outliers(np.round(heights / np.ptp(heights) * 60)).any()
 
 
 def test_a_plane_or_constant_is_flat_to_the_last_digit():
     x, y = np.meshgrid(np.arange(40.0), np.arange(31.0), indexing="ij")
-    for order, heights in ((1, 0.1 + 0.3 * x - 0.7 * y), (1, 0 * x + 0.1), (2, 5 + x * x - x * y)):
+    for order, heights in (
+        (1, 0.1 + 0.3 * x - 0.7 * y),
+        (1, 0 * x + 0.1),
+        (2, 5 + x * x - x * y),
+    ):
         for form in (1, 2):
-            surface = HeightsFromArray(1e-6 * heights, (1e-3, 1e-3), "periodic", form=form).build()
+            surface = HeightsFromArray(
+                1e-6 * heights, (1e-3, 1e-3), "periodic", form=form
+            ).build()
             assert (np.ptp(surface.heights) == 0) == (form >= order)
             assert ("what is left is rounding" in str(surface.notes)) == (form >= order)
     rough = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1).build()
@@ -226,8 +292,12 @@ def test_a_plane_or_constant_is_flat_to_the_last_digit():
 
 def test_a_tilt_is_removed_before_a_map_is_taken_as_periodic_and_a_period_is_left_as_it_is():
     tilted = MAP + 0.3 * np.arange(48)[:, None]
-    level, kept = (HeightsFromArray(tilted, (L, L), "periodic", form=f).build() for f in (1, 0))
-    found, same = (HeightsFromArray(h, (L, L), "periodic").build() for h in (tilted, MAP))
+    level, kept = (
+        HeightsFromArray(tilted, (L, L), "periodic", form=f).build() for f in (1, 0)
+    )
+    found, same = (
+        HeightsFromArray(h, (L, L), "periodic").build() for h in (tilted, MAP)
+    )
     assert np.array_equal(found.heights, level.heights)
     assert "least-squares plane removed, because its tilt" in str(found.notes)
     assert found.treatment_errors
@@ -243,7 +313,10 @@ def test_periods_by_one_length_or_by_the_pixel(write):
         ({"periods": (2.0,)}, "48 x 50 .* give both"),
         ({}, "does not say how large"),
         ({"periods": (1.0, 1.0), "pixel_size": 1.0}, "not both"),
-        ({"periods": (1.0, 1.0), "unit": None}, "in which unit its heights are; give unit = 1e-6"),
+        (
+            {"periods": (1.0, 1.0), "unit": None},
+            "in which unit its heights are; give unit = 1e-6",
+        ),
         ({"periods": (1.0, 1.0, 1.0)}, "2 positive lengths"),
         ({"path": oblong.parent}, "is a folder"),
         ({"path": oblong.with_name("none.npy")}, "none.npy: no such file"),
@@ -251,7 +324,9 @@ def test_periods_by_one_length_or_by_the_pixel(write):
     for arguments, message in changes:
         with refused(message):
             HeightsFromFile(**{"path": oblong, "unit": 1.0} | arguments)
-    with refused("oblong.npy: the rms slope is .*, beyond that of any surface; .* check unit"):
+    with refused(
+        "oblong.npy: the rms slope is .*, beyond that of any surface; .* check unit"
+    ):
         HeightsFromFile(oblong, pixel_size=1e-3, unit=1.0).build()
     marked = np.where(np.arange(MAP.size).reshape(MAP.shape) % 400 < 2, -9999.0, MAP)
     with refused("check unit, .*; or 12 heights are -9999, far from all others"):
@@ -259,7 +334,11 @@ def test_periods_by_one_length_or_by_the_pixel(write):
     steep = HeightsFromFile(oblong, pixel_size=1.0, unit=1.0, form=0).build().rms_slope
     for slope in (0.9e-4, 1.1e-4, 9.0, 11.0):
         recipe = HeightsFromFile(oblong, pixel_size=1.0, unit=slope / steep, form=0)
-        with refused(r"the rms slope is 11, beyond") if slope > 10 else contextlib.nullcontext():
+        with (
+            refused(r"the rms slope is 11, beyond")
+            if slope > 10
+            else contextlib.nullcontext()
+        ):
             flat = "the rms slope is 9e-05, below that of any but optical flats; the "
             assert (flat in str(recipe.build().notes)) == (slope < 1e-4)
 
@@ -275,7 +354,10 @@ def test_the_content_and_its_treatment_are_the_identity_not_the_place(write):
     ]
     recipe = HeightsFromFile(path, (L, L), 1.0, "refuse")
     assert replace(recipe, path=other).fingerprint == recipe.fingerprint
-    assert len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]}) == 12
+    assert (
+        len({r.fingerprint for r in [recipe, *(replace(recipe, **c) for c in changes)]})
+        == 12
+    )
     # It travels to another process without its heights.
     sent = pickle.dumps(recipe)
     arrived = pickle.loads(sent)
@@ -295,7 +377,9 @@ def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump():
         surface = HeightsFromArray(moved, (L, L)).build()
         assert np.array_equal(surface.heights, moved)
         assert "rms jump at the edges" in surface.notes[0]
-    near, far = (np.array([0.0, 0.7, 1.4, 0.7 * jump]) for jump in (1.9, 2.1))  # over the rest
+    near, far = (
+        np.array([0.0, 0.7, 1.4, 0.7 * jump]) for jump in (1.9, 2.1)
+    )  # over the rest
     HeightsFromArray(near, (1e3,)).build()
     wall = np.repeat([1.0, 0.0], 4)[:, None] * np.ones(8)
     HeightsFromArray(wall, (1.0, 1.0)).build()  # as steep inside as across the edge
@@ -310,7 +394,11 @@ def test_a_map_is_periodic_wherever_it_is_cut_or_refused_with_its_jump():
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_a_form_is_all_gone(shape, order):
     grids = np.meshgrid(*(np.arange(n) / 10 for n in shape), indexing="ij")
-    powers = [np.full(shape, 3.0), sum(grids), sum((g - 1) ** 2 for g in grids) + math.prod(grids)]
+    powers = [
+        np.full(shape, 3.0),
+        sum(grids),
+        sum((g - 1) ** 2 for g in grids) + math.prod(grids),
+    ]
     form = sum(powers[: order + 1])
     rough = np.random.default_rng(0).standard_normal(shape)
     rough[3:9] = np.nan
@@ -334,7 +422,9 @@ def test_missing_points_are_filled_and_said(write):
         surface = recipe.build()
         assert surface.heights + np.nanmean(holed) == pytest.approx(saddle, abs=1e-10)
     assert filled(holed, "nearest")[4, 5] == saddle[3, 5]
-    edge = np.array([np.nan, np.nan, 1.0, np.nan, 4.0, np.nan])  # at a right angle to the edge
+    edge = np.array(
+        [np.nan, np.nan, 1.0, np.nan, 4.0, np.nan]
+    )  # at a right angle to the edge
     assert filled(edge, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
 
 
@@ -347,7 +437,9 @@ def test_waves_outside_a_band_are_removed():
 
 
 def test_a_file_is_mirrored_so_that_no_edge_is_left(write):
-    """A map that is even about its edges is periodic, and has the map's slopes and its areas."""
+    """A map that is even about its edges is periodic, and has the map's slopes and its
+    areas.
+    """
     recipe = HeightsFromFile(write("cut.npy", CUT_OUT), pixel_size=0.5, unit=1.0)
     (of_all,) = recipes_of(recipe)
     surface, inside = of_all.build(), form_removed(CUT_OUT, 1)
@@ -362,7 +454,9 @@ def test_a_file_is_mirrored_so_that_no_edge_is_left(write):
 
 
 def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size():
-    """It is in the claimed error of areas of both theory and numerics, as a part of its own."""
+    """It is in the claimed error of areas of both theory and numerics, as a part of its
+    own.
+    """
     spectrum = SelfAffineSpectrum(0.8, L / 64, L / 16, L / 4, 0.05)
     large = SelfAffine(spectrum, (256.0, 256.0), (256, 256), seed=3).build().heights
     shares = {}
@@ -372,19 +466,37 @@ def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size()
         found = even_moments(form_removed(cut, 1), (1.0, 1.0))
         length = found.rms_slope / found.rms_curvature / (3 * n // 4)
         share = {name: times * length for name, times in EDGE_ERRORS[treatment].items()}
-        assert surface.treatment_errors == pytest.approx(share | EDGE_SHARES[treatment], rel=1e-9)
+        assert surface.treatment_errors == pytest.approx(
+            share | EDGE_SHARES[treatment], rel=1e-9
+        )
         shares[treatment, n] = share["elastic_area"]
-    assert shares["mirrored", 96] < 0.6 * shares["mirrored", 48] < 0.6 * shares["periodic", 48]
-    scene, known = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4)), COLUMNS.keys()
-    for answer in (bem.solve(scene), persson.solve(scene, energy_reduction=1, spectrum="surface")):
+    assert (
+        shares["mirrored", 96]
+        < 0.6 * shares["mirrored", 48]
+        < 0.6 * shares["periodic", 48]
+    )
+    scene, known = (
+        Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4)),
+        COLUMNS.keys(),
+    )
+    for answer in (
+        bem.solve(scene),
+        persson.solve(scene, energy_reduction=1, spectrum="surface"),
+    ):
         row = answer.final.row
         assert answer.notes[: len(surface.notes)] == surface.notes
         for name in known & surface.treatment_errors.keys() & row.keys():
             of = row["total_area"] if name.endswith("area") else row[name]
             expected = surface.treatment_errors[name] * of
-            assert row[f"{name}_error_by_treatment"] == pytest.approx(expected, rel=1e-12), name
+            assert row[f"{name}_error_by_treatment"] == pytest.approx(
+                expected, rel=1e-12
+            ), name
         assert row["mean_gap_error"] >= row["mean_gap_error_by_treatment"] > 0
-        assert row["elastic_area_error_by_treatment"] > row["plastic_area_error_by_treatment"] > 0
+        assert (
+            row["elastic_area_error_by_treatment"]
+            > row["plastic_area_error_by_treatment"]
+            > 0
+        )
     whole = HeightsFromArray(large, (256, 256)).build()
     assert not whole.treatment_errors
     assert "treatment_error" not in bem.solve(replace(scene, surface=whole)).final.areas
@@ -400,28 +512,51 @@ def test_the_slope_of_an_effective_hardness_does_not_see_the_jumps_at_the_edges(
 
 
 def test_slopes_beyond_one_are_said_once():
-    """They are a note, and a warning of the line that makes the surface, not of later ones."""
+    """They are a note, and a warning of the line that makes the surface, not of later
+    ones.
+    """
     recipe = HeightsFromArray(MAP * 1e3, (L, L))
     with pytest.warns(SurfaceWarning, match="beyond the small slopes") as warned:
         steep = recipe.build()
-    assert [(str(one.message), one.filename) for one in warned] == [(steep.notes[-2], __file__)]
+    assert [(str(one.message), one.filename) for one in warned] == [
+        (steep.notes[-2], __file__)
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert replace(steep).notes == pickle.loads(pickle.dumps(steep)).notes == steep.notes
-        assert one_directional(recipe) is None  # the package builds it and shows the notes itself
+        assert (
+            replace(steep).notes
+            == pickle.loads(pickle.dumps(steep)).notes
+            == steep.notes
+        )
+        assert (
+            one_directional(recipe) is None
+        )  # the package builds it and shows the notes itself
         assert len(HeightsFromArray(MAP / 10, (L, L)).build().notes) == 2
 
 
 @pytest.mark.parametrize(
     ("heights", "periods", "doubts"),
     [
-        (np.round(MAP / (0.3 * MAP.std())), (1e3, 1e3), {STEPS, "neither for them nor"}),
-        (np.round(MAP / (0.01 * MAP.std())), (1e3, 1e3), {STEPS, "but not for its steps"}),
+        (
+            np.round(MAP / (0.3 * MAP.std())),
+            (1e3, 1e3),
+            {STEPS, "neither for them nor"},
+        ),
+        (
+            np.round(MAP / (0.01 * MAP.std())),
+            (1e3, 1e3),
+            {STEPS, "but not for its steps"},
+        ),
         (np.round(MAP / (0.002 * MAP.std())), (1e3, 1e3), set()),
         (np.round(8 * HILLS).astype(np.float32) * np.float32(0.1), (1e3, 1e3), {STEPS}),
         (np.round(8 * HILLS[3]), (1e3,), {STEPS}),
-        # Treads that are wide, and slopes that rise by one step from each point to the next.
-        (np.round(np.sin(X / 10)[:, None] + np.sin(X / 10)), (1e3, 1e3), {STEPS, "for these"}),
+        # Treads that are wide, and slopes that rise by one step from each point to the
+        # next.
+        (
+            np.round(np.sin(X / 10)[:, None] + np.sin(X / 10)),
+            (1e3, 1e3),
+            {STEPS, "for these"},
+        ),
         (-np.maximum(np.abs(X)[:, None], np.abs(X)), (1e3, 1e3), set()),
         (np.where(HILLS > 1.9, -9999.0, HILLS), (1e3, 1e3), {MARKED}),
         (np.where(HILLS > 1.9, -9999.0, 0.0), (1e3, 1e3), set()),  # a post is no mark
@@ -433,7 +568,9 @@ def test_slopes_beyond_one_are_said_once():
 def test_what_a_user_should_doubt_is_noted(heights, periods, doubts):
     notes = " ".join(HeightsFromArray(heights, periods, "periodic").build().notes)
     assert all(words in notes for words in doubts)
-    assert not any(words in notes for words in {STEPS, MARKED, OBLONG} if words not in str(doubts))
+    assert not any(
+        words in notes for words in {STEPS, MARKED, OBLONG} if words not in str(doubts)
+    )
 
 
 @pytest.mark.parametrize(
@@ -444,13 +581,25 @@ def test_what_a_user_should_doubt_is_noted(heights, periods, doubts):
         ({"heights": np.ones((4, 4, 4))}, r"shape \(4, 4, 4\)"),
         ({"heights": [[1.0, 2.0], [3.0]]}, "unequal length"),
         ({"heights": np.array([[1, 2], [3, np.inf]])}, "1 of 4 heights are infinite"),
-        ({"heights": np.ma.masked_greater(HILLS, 1)}, 'NaN or masked; .*set missing to "harmonic"'),
+        (
+            {"heights": np.ma.masked_greater(HILLS, 1)},
+            'NaN or masked; .*set missing to "harmonic"',
+        ),
         ({"heights": HILLS * 1e41}, "heights reach .*; check their unit"),
-        ({"heights": HILLS * 1e-300}, "heights span .* less than 1e-40 m; check their unit"),
-        ({"treatment": "window"}, "treatment is 'window', but must be one of mirrored, periodic"),
+        (
+            {"heights": HILLS * 1e-300},
+            "heights span .* less than 1e-40 m; check their unit",
+        ),
+        (
+            {"treatment": "window"},
+            "treatment is 'window', but must be one of mirrored, periodic",
+        ),
         ({"periods": (L,)}, "2 positive lengths"),
         ({"form": 3}, "form is 3"),
-        ({"longest_wavelength": 0.1, "shortest_wavelength": 1}, "must be below longest_wavelength"),
+        (
+            {"longest_wavelength": 0.1, "shortest_wavelength": 1},
+            "must be below longest_wavelength",
+        ),
     ],
 )
 def test_what_is_no_height_map_is_refused(change, message):
@@ -467,7 +616,11 @@ def test_what_is_no_height_map_is_refused(change, message):
         ("empty.txt", b"", "is empty"),
         ("huge.npy", b"\x93NUMPY\x01\x00L\x00" + HUGE.encode(), "no complete .npy"),
         ("complex.npy", np.ones((4, 4)) * 1j, "holds complex values"),
-        ("pickle.npy", np.array([{"a": 1}, {}], dtype=object).dumps(), "no complete .npy"),
+        (
+            "pickle.npy",
+            np.array([{"a": 1}, {}], dtype=object).dumps(),
+            "no complete .npy",
+        ),
         ("junk.txt", bytes(range(256)) * 8, "no table of numbers"),
         ("late.txt", b"1 2\n" * 9000 + b"\xff 2\n", "line 9001 holds 'ÿ'"),
         ("words.txt", b"x y\nz t\n", "no line begins with a number"),
@@ -476,10 +629,21 @@ def test_what_is_no_height_map_is_refused(change, message):
         ("middle.csv", b"1,2\nsome words,4\n3,4\n", "line 2 holds 'some words'"),
         ("nan.txt", b"nan nan\nnan nan\n", "4 of 4 heights are NaN or masked$"),
         ("inf.txt", b"1 1e999\n3 4\n", "1 of 4 heights"),
-        ("date.txt", b"2026-01-02 12:00\n1 2\n3 4\n", "begin the lines of a header with #"),
-        ("off.xyz", b"0 0 5\n0 1 7\n1 .3 6\n1 1 5\n", "lie on no regular grid .* export the heig"),
+        (
+            "date.txt",
+            b"2026-01-02 12:00\n1 2\n3 4\n",
+            "begin the lines of a header with #",
+        ),
+        (
+            "off.xyz",
+            b"0 0 5\n0 1 7\n1 .3 6\n1 1 5\n",
+            "lie on no regular grid .* export the heig",
+        ),
         ("junk.vti", b"<VTKFile", "no whole .vti file"),
-        *((f"junk.{kind}", b"junk\xff\n", "meshio cannot read") for kind in ("stl", "ply", "vtu")),
+        *(
+            (f"junk.{kind}", b"junk\xff\n", "meshio cannot read")
+            for kind in ("stl", "ply", "vtu")
+        ),
     ],
     ids=lambda v: str(v)[:12],
 )
@@ -521,7 +685,11 @@ def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
         (lambda: topography(None), {"unit": 1e-9}, "does not say how large"),
         (lambda: topography(hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
         (lambda: topography(even=False), {}, "no regular grid"),
-        (lambda: {}["tried XYZReader:\n no grid"], {}, r"tried XYZReader:.*no grid.*; export the"),
+        (
+            lambda: {}["tried XYZReader:\n no grid"],
+            {},
+            r"tried XYZReader:.*no grid.*; export the",
+        ),
     ):
         with refused(sentence):
             read(make, **options).build()

@@ -11,20 +11,38 @@ from scipy.signal import resample
 
 from epcontact.errors import EpcontactError, InvalidScene
 from epcontact.materials.moduli import effective_modulus, of_both
-from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, scene_digest
-from epcontact.surfaces import Facing, FlatPunch, Paraboloid, SelfAffine, Sinusoid, Sphere, filtered
+from epcontact.scene import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    scene_digest,
+)
+from epcontact.surfaces import (
+    Facing,
+    FlatPunch,
+    Paraboloid,
+    SelfAffine,
+    Sinusoid,
+    Sphere,
+    filtered,
+)
 from epcontact.surfaces.power_spectrum import surface_moments
 from epcontact.surfaces.self_affine import _phases
 from epcontact.surfaces.spectrum import density, slope_variance_up_to
 
-# The heights are about as large as the period, which changes nothing of what is tested here.
+# The heights are about as large as the period, which changes nothing of what is tested
+# here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
 L = 2 * math.pi
 NARROW = SelfAffineSpectrum(0.8, 1.0, 4.0, 20.0, 0.5)
 PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
 PAPER_PERIOD = 2 * math.pi / 2.5e4
-# Square, oblong, even, odd, mixed, lines; 41 points are the fewest for q_1 = 20 on 2 pi.
+# Square, oblong, even, odd, mixed, lines; 41 points are the fewest for q_1 = 20 on 2
+# pi.
 GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
     ((48, 48), (L, L)),
     ((41, 41), (L, L)),
@@ -35,7 +53,9 @@ GRIDS: list[tuple[tuple[int, ...], tuple[float, ...]]] = [
 
 
 def assert_close(got, expected, absolute):
-    """Every difference within `absolute`; quicker on large arrays than pytest.approx."""
+    """Every difference within `absolute`; quicker on large arrays than
+    pytest.approx.
+    """
     assert np.shape(got) == np.shape(expected)
     assert np.abs(np.asarray(got) - expected).max() <= absolute
 
@@ -48,7 +68,9 @@ def wavenumbers(surface):
 
 @pytest.mark.parametrize("hurst", [0.0, 0.8, 1.0])
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(shape, periods, hurst):
+def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(
+    shape, periods, hurst
+):
     spectrum = replace(NARROW, hurst=hurst)
     surface = SelfAffine(spectrum, periods, shape, seed=5).build()
     assert surface_moments(surface).rms_slope == pytest.approx(0.5, rel=1e-13)
@@ -56,7 +78,9 @@ def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(shape, 
     amplitude = np.abs(np.fft.fftn(surface.heights)) / surface.heights.size
     q = wavenumbers(surface)
     cell = math.prod(2 * math.pi / p for p in periods)
-    c = density(spectrum, q, len(shape)) / (1 if len(shape) == 2 else 2)  # C1 is one-sided
+    c = density(spectrum, q, len(shape)) / (
+        1 if len(shape) == 2 else 2
+    )  # C1 is one-sided
     band = (q > 0.9999) & (q < 20.0001)
     ratio = amplitude[band] / np.sqrt(c[band] * cell)
     assert ratio == pytest.approx(np.full(ratio.size, ratio[0]), rel=1e-11)
@@ -69,7 +93,9 @@ def test_amplitudes_are_those_of_the_spectrum_and_the_rms_slope_is_exact(shape, 
 def test_a_finer_grid_shows_the_same_surface(shape, periods):
     factor = 3
     coarse = SelfAffine(NARROW, periods, shape, seed=11).build()
-    fine = SelfAffine(NARROW, periods, tuple(factor * n for n in shape), seed=11).build()
+    fine = SelfAffine(
+        NARROW, periods, tuple(factor * n for n in shape), seed=11
+    ).build()
     common = fine.heights[tuple(slice(None, None, factor) for _ in shape)]
     scale = np.abs(coarse.heights).max()
     assert_close(common, coarse.heights, 1e-14 * scale)
@@ -92,8 +118,8 @@ def test_a_wider_band_adds_to_the_surface():
 def test_limits_typed_with_seven_digits_lose_no_mode():
     exact = SelfAffine(PAPER, (PAPER_PERIOD,) * 2, (513, 513), seed=1).build()
     typed = SelfAffine(PAPER, (2.513274e-4,) * 2, (513, 513), seed=1).build()
-    # Same modes, same phases; all else follows the period's seventh digit.  One of the 205,000
-    # modes missing or astray would show as 1e-4 of h_rms or more.
+    # Same modes, same phases; all else follows the period's seventh digit.  One of the
+    # 205,000 modes missing or astray would show as 1e-4 of h_rms or more.
     assert_close(typed.heights, exact.heights, 1e-5 * exact.heights.std())
 
 
@@ -101,17 +127,27 @@ def test_phases_are_uniform_and_unrelated_and_never_change():
     k = np.arange(-400, 400)
     phase, other = (_phases(seed, k[:, None], k[None, :]) for seed in (7, 8))
     assert phase.min() >= 0
-    pairs = [phase[1:] - phase[:-1], phase[:, 1:] - phase[:, :-1], phase[1:, 1:] - phase[:-1, :-1]]
+    pairs = [
+        phase[1:] - phase[:-1],
+        phase[:, 1:] - phase[:, :-1],
+        phase[1:, 1:] - phase[:-1, :-1],
+    ]
     for values in (phase, phase - other, *pairs, phase - phase.T, phase - phase[::-1]):
         for harmonic in (1, 2, 3):
             z = np.exp(1j * harmonic * values[np.abs(values) > 0])
-            # |mean| is about 1/sqrt(N) for random phases; half of the last two pairs repeat.
+            # |mean| is about 1/sqrt(N) for random phases; half of the last two pairs
+            # repeat.
             assert abs(z.mean()) < 5 * math.sqrt(2 / z.size)
     counts = np.histogram(phase, 100, (0, 2 * math.pi))[0]
     chi_squared = float(np.sum((counts - phase.size / 100) ** 2 / (phase.size / 100)))
     assert abs(chi_squared - 99) < 5 * math.sqrt(2 * 99)
     # The seeds of published results must keep their surfaces.
-    known = [6.112483745973802, 0.03745723491760489, 4.605412193590693, 0.5557279354021715]
+    known = [
+        6.112483745973802,
+        0.03745723491760489,
+        4.605412193590693,
+        0.5557279354021715,
+    ]
     found = _phases(7, np.array([0, 1, -1, 255]), np.array([1, 0, 1, 3]))
     assert found == pytest.approx(known, rel=1e-15)
 
@@ -125,8 +161,16 @@ WAVE = Sinusoid((1.0,), (8,), 0.1)
     ("good", "change", "message"),
     [
         (ROUGH, {"shape": (40, 48)}, "40 grid points .* needs at least 41"),
-        (ROUGH, {"periods": (L, L / 2)}, "wavenumber_low = 1 rad/m needs at least 6.28"),
-        (ROUGH, {"shape": (48, 48, 48), "periods": (L, L, L)}, "one or two whole numbers"),
+        (
+            ROUGH,
+            {"periods": (L, L / 2)},
+            "wavenumber_low = 1 rad/m needs at least 6.28",
+        ),
+        (
+            ROUGH,
+            {"shape": (48, 48, 48), "periods": (L, L, L)},
+            "one or two whole numbers",
+        ),
         (ROUGH, {"periods": (L, L, L)}, "2 positive lengths"),
         (WAVE, {"waves": 4}, "needs at least 9"),
         (WAVE, {"direction": "both"}, "a line has only x"),
@@ -168,7 +212,9 @@ RECIPES: list[Any] = [
 def test_a_recipe_knows_the_digest_of_its_scene(recipe):
     material, load, body = Material(1e9, 0.3), Load(1e5), Body()
     surface = recipe.build()
-    known = scene_digest(recipe.fingerprint, recipe.shape, recipe.periods, material, body, load)
+    known = scene_digest(
+        recipe.fingerprint, recipe.shape, recipe.periods, material, body, load
+    )
     assert Scene(surface, material, load, body).digest == known
     assert (surface.shape, surface.periods) == (recipe.shape, recipe.periods)
     assert not surface.heights.flags.writeable
@@ -191,7 +237,11 @@ def test_fingerprints_never_change():
 def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal():
     spectrum = {"hurst": 0.7, "wavenumber_low": 1.1, "wavenumber_roll_off": 4.1}
     spectrum |= {"wavenumber_high": 19.0, "rms_slope": 0.51}
-    changes: list[dict[str, Any]] = [{"seed": 4}, {"shape": (48, 49)}, {"periods": (L, 1.1 * L)}]
+    changes: list[dict[str, Any]] = [
+        {"seed": 4},
+        {"shape": (48, 49)},
+        {"periods": (L, 1.1 * L)},
+    ]
     changes += [{"spectrum": replace(NARROW, **{k: v})} for k, v in spectrum.items()]
     recipes = [ROUGH, *(replace(ROUGH, **change) for change in changes)]
     assert len({recipe.fingerprint for recipe in recipes}) == 1 + len(changes)
@@ -199,7 +249,10 @@ def test_every_parameter_is_in_the_fingerprint_and_equal_numbers_read_equal():
     same = SelfAffine(of_numpy, (7, np.float64(7)), (np.int64(48), 48), np.int64(1))
     assert same.fingerprint == replace(ROUGH, periods=(7.0, 7.0)).fingerprint
     assert hash(same) == hash(replace(ROUGH, periods=(7.0, 7.0)))
-    assert Surface(np.eye(3), (1.0, 1.0)).fingerprint != Surface(2 * np.eye(3), (1, 1)).fingerprint
+    assert (
+        Surface(np.eye(3), (1.0, 1.0)).fingerprint
+        != Surface(2 * np.eye(3), (1, 1)).fingerprint
+    )
 
 
 def test_sinusoids():
@@ -208,7 +261,8 @@ def test_sinusoids():
     waves["both"] = waves["x"] * waves["y"]
     for direction, wave in waves.items():
         surface = Sinusoid((2.0, 3.0), (16, 15), 0.1, 2, direction).build()
-        # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or two.
+        # Arguments up to 4 pi are rounded by 1e-15, so the waves of 0.1 by 1e-16 or
+        # two.
         assert_close(surface.heights, np.broadcast_to(0.1 * wave, (16, 15)), 3e-16)
         assert surface.heights.max() == surface.heights[0, 0] == 0.1
         assert surface.shortest_wavelength == (1.5 if direction == "y" else 1.0)
@@ -224,7 +278,9 @@ def test_bumps_have_their_radius_and_place():
     assert bump[20, 25] == bump.max() == 0
     ball = Sphere(periods, shape, 0.83).build().heights
     exact = np.sqrt(np.maximum(0.83**2 - r2, 0)) - 0.83
-    assert_close(ball, exact, 1e-14)  # the rim, infinitely steep, is 0.01 away from the grid
+    assert_close(
+        ball, exact, 1e-14
+    )  # the rim, infinitely steep, is 0.01 away from the grid
     punch = FlatPunch(periods, shape, 0.8, 0.3).build().heights
     # 0.8 = 16 spacings: the rim meets grid points, which rounding must not share out.
     assert np.array_equal(punch, np.where(r2 > 0.64 + 1e-12, -0.3, 0.0))
@@ -234,7 +290,9 @@ def test_bumps_have_their_radius_and_place():
         middle = kind(periods, shape, 0.87, (0.5, 0.5)).build().heights
         moved = kind(periods, shape, 0.87, (0.75, 1.02)).build().heights
         assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
-    assert Sphere((1.0,), (8, 8), 1.0) == Sphere((1.0, 1.0), (8, 8), 1.0)  # one period for both
+    assert Sphere((1.0,), (8, 8), 1.0) == Sphere(
+        (1.0, 1.0), (8, 8), 1.0
+    )  # one period for both
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8,), (9,)])
@@ -255,22 +313,30 @@ def test_a_cut_off_takes_its_spectrum_along():
     cut = filtered(surface, 10.0)
     assert cut.spectrum is not None
     assert cut.spectrum.wavenumber_high == 10.0
-    assert cut.spectrum.rms_slope**2 == pytest.approx(slope_variance_up_to(NARROW, 10.0))
+    assert cut.spectrum.rms_slope**2 == pytest.approx(
+        slope_variance_up_to(NARROW, 10.0)
+    )
     # The surface's own partial slope, by its few modes, is near that of the integral.
-    assert surface_moments(cut).rms_slope == pytest.approx(cut.spectrum.rms_slope, rel=0.05)
+    assert surface_moments(cut).rms_slope == pytest.approx(
+        cut.spectrum.rms_slope, rel=0.05
+    )
     assert cut.shortest_wavelength == pytest.approx(L / 10)
     assert filtered(surface, 10.0, 1.0).spectrum == cut.spectrum
     band, long = filtered(surface, 10.0, 2.0), filtered(surface, 1.99)
     assert band.heights == pytest.approx(cut.heights - long.heights, abs=1e-14)
     assert (band.spectrum, band.shortest_wavelength) == (None, cut.shortest_wavelength)
-    assert len({s.fingerprint for s in (surface, cut, band, filtered(surface, 10.0, 3.0))}) == 4
+    assert (
+        len({s.fingerprint for s in (surface, cut, band, filtered(surface, 10.0, 3.0))})
+        == 4
+    )
     flat = filtered(surface, 0.5)
     assert flat.spectrum is None
     assert np.abs(flat.heights).max() < 1e-15
     assert filtered(surface, 100.0).shortest_wavelength == surface.shortest_wavelength
 
 
-# --- two bodies ----------------------------------------------------------------------------------
+# --- two bodies
+# ----------------------------------------------------------------------------------
 
 
 def test_two_surfaces_touch_as_the_sum_of_their_heights():
@@ -283,7 +349,9 @@ def test_two_surfaces_touch_as_the_sum_of_their_heights():
     assert both.build().fingerprint == both.fingerprint
     assert both.fingerprint != Facing(both.second, both.first).fingerprint
     for other in ({"shape": (16, 16)}, {"periods": (1.0, 1.9)}):
-        with pytest.raises(InvalidScene, match="face each other on one grid and period"):
+        with pytest.raises(
+            InvalidScene, match="face each other on one grid and period"
+        ):
             Facing(both.first, replace(one, **other))
 
 
@@ -293,7 +361,9 @@ def test_two_bodies_have_the_modulus_of_springs_in_series():
     assert effective_modulus(of_both(steel, steel)) == pytest.approx(half, rel=1e-15)
     expected = 1 / (0.91 / 210e9 + 0.96 / 70e9)
     for first, second in ((steel, glass), (glass, steel)):
-        assert effective_modulus(of_both(first, second)) == pytest.approx(expected, rel=1e-15)
+        assert effective_modulus(of_both(first, second)) == pytest.approx(
+            expected, rel=1e-15
+        )
         assert of_both(first, second).hardness == first.hardness
     rigid = of_both(steel, Material(1e30, 0.0))
     assert rigid.young_modulus == pytest.approx(steel.young_modulus, rel=1e-15)

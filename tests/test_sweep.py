@@ -1,4 +1,6 @@
-"""Sweeps: the points of a table, tasks that are kept and done again, and the table read back."""
+"""Sweeps: the points of a table, tasks that are kept and done again, and the table read
+back.
+"""
 
 import random
 import signal
@@ -27,7 +29,10 @@ from epcontact.output.vtk import read_fields
 
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
-    ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1\nsource = "made"'),
+    (
+        'of = "bem"\nagainst = "persson"',
+        'of = "persson"\nagainst = 0.1\nsource = "made"',
+    ),
 )
 THEORY_IS_NUMBER = ('against = "persson"', 'against = 0.1\nsource = "made"')
 ONE = ("seeds = [3, 5, 7]", "seeds = [9]")
@@ -40,7 +45,9 @@ material.hardness = { low = 3e9, high = 12e9, points = 3, spacing = "log" }
 
 @pytest.fixture
 def swept(write_case):
-    """Write a small case with a sweep; of the theory alone, which takes milliseconds."""
+    """Write a small case with a sweep; of the theory alone, which takes
+    milliseconds.
+    """
     return lambda text=GRID, *edits: write_case(*(edits or THEORY), more=text)
 
 
@@ -61,12 +68,23 @@ point = [{ material.poisson_ratio = 0.0 }, { material.poisson_ratio = 0.3 }]
 def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
     grid = "[sweep]\nload.mean_pressure = [2e8, 4e8]\n"
     path = swept(grid, ('["persson", "bem"]', '["bem"]'), THEORY_IS_NUMBER, ONE)
-    options = ("--fields", "first", "--among", "mean_pressure 4e+08", "--charts", "--jobs", 1)
+    options = (
+        "--fields",
+        "first",
+        "--among",
+        "mean_pressure 4e+08",
+        "--charts",
+        "--jobs",
+        1,
+    )
     done = invoke("sweep", path, "--output", tmp_path, *options)
     assert done.returncode == 0, done
     folder = tmp_path / "small" / "fast"
     (fields,) = folder.glob("*.vti")
-    assert f"fields of mean_pressure 4e+08, seed9, bem in {fields}" in done.stdout.replace("\n", "")
+    assert (
+        f"fields of mean_pressure 4e+08, seed9, bem in {fields}"
+        in done.stdout.replace("\n", "")
+    )
     assert read_fields(fields).attributes["mean_pressure"] == 4e8
 
 
@@ -86,7 +104,9 @@ material.hardness = { low = 1e8, high = 1e10, spacing = "log" }
 def test_samples_are_a_latin_hypercube():
     found = pd.DataFrame(points(SAMPLES))
     assert sorted(((found["surface.hurst"] - 0.4) / 0.1).astype(int)) == list(range(8))
-    assert sorted((np.log10(found["material.hardness"] / 1e8) / 0.25).astype(int)) == list(range(8))
+    assert sorted(
+        (np.log10(found["material.hardness"] / 1e8) / 0.25).astype(int)
+    ) == list(range(8))
     assert points(SAMPLES) != points("seed = 1\n" + SAMPLES)
     assert len(points(SAMPLES + "load.mean_pressure = [1, 2, 3]")) == 24
 
@@ -99,7 +119,10 @@ P = "load.mean_pressure ="
     [
         (f"{P} []", "load.mean_pressure is .*at least 1 item"),
         (f"{P} [1e8, 1e8]", "load.mean_pressure has a value twice"),
-        (f"{P} {{low = 1e8, hihg = 2e8}}", "mean_pressure.hihg is no key .* did you mean 'high'"),
+        (
+            f"{P} {{low = 1e8, hihg = 2e8}}",
+            "mean_pressure.hihg is no key .* did you mean 'high'",
+        ),
         (f"{P} {{low = 2, high = 1, points = 2}}", "low is 2, but must be less than"),
         (f"{P} {{low = 0, high = 1, points = 2, spacing = 'log'}}", "a positive one"),
         (f"{P} {{low = 1e8, high = 2e8}}", "give points, or samples"),
@@ -131,7 +154,9 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
     found, case = sweep.run_sweep(path, output=tmp_path, jobs=1).table, load_case(path)
     scene = case.scene(case.recipes[0])
     for _, row in found.iterrows():
-        material = replace(scene.material, hardness=row["material.hardness"], poisson_ratio=0.2)
+        material = replace(
+            scene.material, hardness=row["material.hardness"], poisson_ratio=0.2
+        )
         load = replace(scene.load, mean_pressure=row["load.mean_pressure"])
         at = replace(scene, material=material, load=load)
         areas = persson.solve(at, energy_reduction=0.536).final.areas
@@ -139,12 +164,18 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
     assert found["solved"].tolist() == [True] * 6
 
 
-def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(swept, tmp_path):
+def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(
+    swept, tmp_path
+):
     def stopped(done, *_):
         if done == 3:
             raise KeyboardInterrupt
 
-    path, folder, far = swept(), tmp_path / "small" / "fast", Elsewhere(tmp_path / "far")
+    path, folder, far = (
+        swept(),
+        tmp_path / "small" / "fast",
+        Elsewhere(tmp_path / "far"),
+    )
     whole = sweep.run_sweep(path, output=tmp_path / "whole", executor=lambda: far)
     assert not list(far.folder.iterdir())
     with pytest.raises(KeyboardInterrupt):
@@ -211,8 +242,15 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
     done = invoke(*command)
     assert "6 of 6 tasks are solved, 3 of them earlier" in done.stdout
     assert "hardness 1.2e+10, mean_pressure 4e+08" in done.stderr
-    path = swept("[sweep]\nmaterial.hardness = [6e9, 8e9]\n", *THEORY, ("= 5.0e8", "= [2e8, 5e8]"))
-    assert "2 of 2 tasks" in invoke("sweep", path, "--output", tmp_path / "x", "--jobs", 1).stdout
+    path = swept(
+        "[sweep]\nmaterial.hardness = [6e9, 8e9]\n",
+        *THEORY,
+        ("= 5.0e8", "= [2e8, 5e8]"),
+    )
+    assert (
+        "2 of 2 tasks"
+        in invoke("sweep", path, "--output", tmp_path / "x", "--jobs", 1).stdout
+    )
 
 
 def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
@@ -226,7 +264,9 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
 
 
 def test_what_holds_no_sweep_is_refused(swept, tmp_path):
-    with pytest.raises(InvalidCase, match=r"has no table \[sweep\], such as load.mean_pressure = "):
+    with pytest.raises(
+        InvalidCase, match=r"has no table \[sweep\], such as load.mean_pressure = "
+    ):
         sweep.read_sweep(swept(""))
     (tmp_path / "sweep.json").write_text("[]")
     with pytest.raises(OutputError, match="is no list of a sweep"):
@@ -241,7 +281,17 @@ MANY = f"[sweep]\n{P} {{ low = 1e8, high = 1e9, points = 12 }}\nseeds = [1, 2, 3
 def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
     path, output, moments = swept(MANY, ONE), tmp_path / "killed", random.Random(7)
     whole, solved = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1), []
-    command = [sys.executable, "-m", "epcontact", "sweep", path, "--output", output, "--jobs", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "epcontact",
+        "sweep",
+        path,
+        "--output",
+        output,
+        "--jobs",
+        "2",
+    ]
     for _ in range(10):
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -255,7 +305,9 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
         assert "Traceback" not in process.communicate()[1]  # what the workers leave
         solved.append(int(sweep.table(output / "small" / "fast")["solved"].sum()))
     assert solved == sorted(solved)
-    assert solved[0] < len(whole.table)  # a quiet machine may be done before the tenth kill
+    assert solved[0] < len(
+        whole.table
+    )  # a quiet machine may be done before the tenth kill
     assert solved[-1] >= 10
     found = sweep.run_sweep(path, output=output, jobs=2)
     assert found.reused == solved[-1]

@@ -1,4 +1,6 @@
-"""The map of the theory's error: its places, its intervals elsewhere, and what it refuses."""
+"""The map of the theory's error: its places, its intervals elsewhere, and what it
+refuses.
+"""
 
 import math
 
@@ -20,12 +22,16 @@ def spectrum(hurst=0.8, wide=64.0, roll_off=4.0):
 def theory(hardness=0.6, gamma=validity.GAMMA, rule="constant", **of_spectrum):
     """The theory of a body whose hardness is given over E* xi."""
     rough = analytic_roughness(spectrum(**of_spectrum))
-    return Theory(rough, MODULUS, EnergyReduction(gamma, rule), hardness * 0.1 * MODULUS)
+    return Theory(
+        rough, MODULUS, EnergyReduction(gamma, rule), hardness * 0.1 * MODULUS
+    )
 
 
 def expected(hardness=0.6, load=0.05, surfaces=1, **more):
     """The expected errors at a load over E* xi."""
-    return validity.expected_errors(theory(hardness, **more), load * 0.1 * MODULUS, surfaces)
+    return validity.expected_errors(
+        theory(hardness, **more), load * 0.1 * MODULUS, surfaces
+    )
 
 
 def test_at_its_places_the_map_has_the_errors_that_were_measured():
@@ -38,14 +44,22 @@ def test_at_its_places_the_map_has_the_errors_that_were_measured():
         found = expected(hardness, load, 8, wide=wide, **place)
         for name in ("total", "elastic", "plastic", "mean_gap"):
             if name in found and not math.isnan(measured := known[f"{name}_theory"][k]):
-                held.append(found[name].low - 1e-3 <= measured <= found[name].high + 1e-3)
+                held.append(
+                    found[name].low - 1e-3 <= measured <= found[name].high + 1e-3
+                )
     assert len(held) > 2000
     assert 0.9 < np.mean(held) < 0.999
 
 
 def test_intervals_hold_the_errors_on_other_surfaces_spectra_and_places():
-    """Spectra, surfaces and places at random, on which no constant of the map was chosen."""
-    held = [row["held"] for k in range(1000, 1024) for row in judged(random_scene(k, (16, 32)))]
+    """Spectra, surfaces and places at random, on which no constant of the map was
+    chosen.
+    """
+    held = [
+        row["held"]
+        for k in range(1000, 1024)
+        for row in judged(random_scene(k, (16, 32)))
+    ]
     assert len(held) > 60
     assert np.mean(held) > 0.85
 
@@ -92,12 +106,19 @@ def test_outside_the_map_nothing_is_claimed(scene, said):
     ("hardness", "load", "wide", "known"),
     [
         (0.18, 0.09, 64.0, True),
-        (0.18, 0.09, 256.0, False),  # wider than any with roll-off that the map has so soft
+        (
+            0.18,
+            0.09,
+            256.0,
+            False,
+        ),  # wider than any with roll-off that the map has so soft
         (0.6, 0.09, 256.0, True),
         (3.0, 2.7, 64.0, False),  # a closed gap is of round-off
     ],
 )
-def test_a_gap_is_told_only_where_the_map_has_one_of_its_kind(hardness, load, wide, known):
+def test_a_gap_is_told_only_where_the_map_has_one_of_its_kind(
+    hardness, load, wide, known
+):
     found = expected(hardness, load, wide=wide)
     assert ("mean_gap" in found) is known
     assert "total" in found
@@ -106,7 +127,9 @@ def test_a_gap_is_told_only_where_the_map_has_one_of_its_kind(hardness, load, wi
 
 
 def test_where_nothing_flows_total_and_elastic_area_are_off_alike():
-    """Between the last two hardnesses of the map their intervals would not meet of themselves."""
+    """Between the last two hardnesses of the map their intervals would not meet of
+    themselves.
+    """
     found = expected(2.3, 0.2 * 2.3, wide=256.0)
     assert found["total"].low < found["elastic"].high
     assert found["elastic"].low < found["total"].high

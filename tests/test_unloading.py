@@ -1,4 +1,6 @@
-"""What unloading leaves: surfaces, their statistics and gaps, dents of spheres, stored energy."""
+"""What unloading leaves: surfaces, their statistics and gaps, dents of spheres, stored
+energy.
+"""
 
 import math
 from dataclasses import replace
@@ -17,9 +19,15 @@ from epcontact.persson.separation import gap_distribution, mean_separation
 from epcontact.persson.theory import Theory
 from epcontact.studies.gap import cumulative, residual_of, theory_power
 from epcontact.studies.paper_scene import rough_scene, yielding
-from epcontact.surfaces import HeightsFromFile, power_by_octave, residual_surface, topography
+from epcontact.surfaces import (
+    HeightsFromFile,
+    power_by_octave,
+    residual_surface,
+    topography,
+)
 
-# The heights are about as large as the period, which changes nothing of what is tested here.
+# The heights are about as large as the period, which changes nothing of what is tested
+# here.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
 SCENE = rough_scene(4, seed=3, bandwidth=16, hardness=75e9)
@@ -29,21 +37,31 @@ ELASTIC = replace(SCENE.material, hardness=math.inf)
 def test_a_residual_surface_is_taken_up_by_another_case(tmp_path):
     result = bem.solve(SCENE)
     left = residual_surface(replace(SCENE.surface, notes=("It is rough.",)), result)
-    assert left.notes == ("It is rough.", "the surface that bem has left after plastic flow")
+    assert left.notes == (
+        "It is rough.",
+        "the surface that bem has left after plastic flow",
+    )
     path = tmp_path / "bem.vti"
     write_fields(path, result, SCENE.surface, precision="double")
     read = HeightsFromFile(path, periods=left.periods, treatment="periodic").build()
-    np.testing.assert_allclose(read.heights, left.heights, atol=1e-12 * left.heights.std())
+    np.testing.assert_allclose(
+        read.heights, left.heights, atol=1e-12 * left.heights.std()
+    )
     elastic = bem.solve(replace(SCENE, surface=read, material=ELASTIC))
     difference = elastic.fields["pressure"] - result.fields["pressure"]
     assert np.abs(difference).max() < 1e-6 * SCENE.material.hardness
     unloaded = bem.solve(replace(SCENE, material=ELASTIC, load=Load((1e8, 1e9, 5e6))))
     low = SCENE.surface.heights - unloaded.fields["displacement"]
-    np.testing.assert_array_equal(residual_surface(SCENE.surface, unloaded).heights, low)
+    np.testing.assert_array_equal(
+        residual_surface(SCENE.surface, unloaded).heights, low
+    )
 
 
 def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
-    scene, vti = yielding(rough_scene(4, seed=3, bandwidth=4, hardness=75e9)), tmp_path / "fem.vti"
+    scene, vti = (
+        yielding(rough_scene(4, seed=3, bandwidth=4, hardness=75e9)),
+        tmp_path / "fem.vti",
+    )
     loaded = fem_check.solve(scene, law="j2", certified=False)
     write_fields(vti, loaded, scene.surface)
     with pytest.raises(InvalidScene, match="let its load path end at 0"):
@@ -80,9 +98,13 @@ def test_the_distribution_of_the_gap_is_normalised_and_has_its_mean(pressure, ha
     assert 0 < cumulative[0] < 1
     assert np.diff(cumulative).min() >= 0
     at = np.geomspace(1e-6, 1, 80)  # from within the fold at 0 on
-    low, high = (gap_distribution(theory, pressure, end * at)[1] for end in (0.999, 1.001))
+    low, high = (
+        gap_distribution(theory, pressure, end * at)[1] for end in (0.999, 1.001)
+    )
     density = gap_distribution(theory, pressure, at)[0]
-    np.testing.assert_allclose(density, (high - low) / (2e-3 * at), rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(
+        density, (high - low) / (2e-3 * at), rtol=2e-3, atol=1e-6
+    )
     ratio = np.trapezoid(1 - cumulative, u) / mean_separation(theory, pressure)
     assert -0.001 < ratio - 1 < (0.02 if pressure < 0.001 else 0.5)
 
@@ -94,8 +116,12 @@ def test_the_distribution_of_the_gap_meets_that_of_boundary_elements():
 
 
 def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface():
-    """Far below yield, the energy of the stresses is half of pressure times displacement."""
-    light = replace(rough_scene(4, seed=3, bandwidth=4, hardness=math.inf), load=Load(1e6))
+    """Far below yield, the energy of the stresses is half of pressure times
+    displacement.
+    """
+    light = replace(
+        rough_scene(4, seed=3, bandwidth=4, hardness=math.inf), load=Load(1e6)
+    )
     stiff = replace(light, material=replace(light.material, yield_stress=1e15))
     by_stress = fem_check.solve(stiff, law="j2", certified=False).final.quantities
     by_surface = fem_check.solve(light, law="elastic", certified=False).final.quantities
@@ -107,11 +133,12 @@ def test_an_elastic_half_space_has_the_same_energy_by_stress_and_by_surface():
 @pytest.mark.slow
 @pytest.mark.parametrize("severity", [5.0, 12.0])
 def test_a_j2_sphere_keeps_the_dent_of_etsion_and_reloads_elastically(severity):
-    """(1 - x^-.28)(1 - x^-.69) of the largest interference, x = w/w_c up to 170 (Etsion, Kligerman
-    and Kadin, Int. J. Solids Struct. 42 (2005) 3716), a fit of finite elements.
+    """(1 - x^-.28)(1 - x^-.69) of the largest interference, x = w/w_c up to 170
+    (Etsion, Kligerman and Kadin, Int. J. Solids Struct. 42 (2005) 3716), a fit of
+    finite elements.
 
-    The periodic images of the load F and the uniform compression of the block are no part of w:
-    the images lower the approach by 3.9003 F/(pi E* L).
+    The periodic images of the load F and the uniform compression of the block are no
+    part of w: the images lower the approach by 3.9003 F/(pi E* L).
     """
     nu, E = 0.3, 1 / (1 - 0.3**2)
     strength = {"poisson_ratio": nu, "yield_stress": E * 0.05 / severity}
@@ -119,11 +146,15 @@ def test_a_j2_sphere_keeps_the_dent_of_etsion_and_reloads_elastically(severity):
     force = hardness * math.pi * 0.05**2
     scene = sphere_scene(force, nodes=32, nodes_to_rim=5.0, **strength)
     p, period = scene.load.final, scene.surface.periods[0]
-    result = fem_check.solve(replace(scene, load=Load((p, 0.0, p))), law="j2", certified=False)
+    result = fem_check.solve(
+        replace(scene, load=Load((p, 0.0, p))), law="j2", certified=False
+    )
     confined = (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     compression = p * result.provenance.options["depth"] / confined
     loaded, left, again = (step.quantities for step in result.steps)
-    interference = loaded["approach"] - compression + 3.9003 * force / (math.pi * E * period)
+    interference = (
+        loaded["approach"] - compression + 3.9003 * force / (math.pi * E * period)
+    )
     x = interference / kogut_etsion_critical(1.0, E, strength["yield_stress"], nu)[0]
     assert 2 < x < 60
     expected = (1 - x**-0.28) * (1 - x**-0.69)

@@ -1,8 +1,10 @@
-"""Every quantity has a value that is known: by a gate of a case, or by a scene here or elsewhere.
+"""Every quantity has a value that is known: by a gate of a case, or by a scene here or
+elsewhere.
 
-Posts: three unequal ones stand out of a surface so rough that no more touches; the highest is
-capped.  Strain: a flat layer hardens under uniaxial strain and is unloaded (closed form).  Order: a
-made-up contact after unloading, of which the order of the points is known.  Counts: parts of a sum.
+Posts: three unequal ones stand out of a surface so rough that no more touches; the
+highest is capped.  Strain: a flat layer hardens under uniaxial strain and is unloaded
+(closed form).  Order: a made-up contact after unloading, of which the order of the
+points is known.  Counts: parts of a sum.
 """
 
 import functools
@@ -14,7 +16,16 @@ import pytest
 from test_shown import FIGURES
 
 import fem_check
-from epcontact import Body, Load, Material, Scene, SelfAffineSpectrum, Surface, bem, persson
+from epcontact import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+    bem,
+    persson,
+)
 from epcontact.harness.answers import loads
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
@@ -54,17 +65,22 @@ def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
     q = 2 * mu * (e - 1.5 * a)
     energy = (left - 2 / 3 * q) ** 2 / (2 * K) + q**2 / (6 * mu)
     return {
-        "quantity.approach": e * depth, "quantity.largest_plastic_strain": a,
+        "quantity.approach": e * depth,
+        "quantity.largest_plastic_strain": a,
         "quantity.plastic_work": (Y * a + H * a**2 / 2) * depth,
-        "quantity.stored_energy": energy * depth, "quantity.elastic_energy": energy * depth,
-        "quantity.plastic_volume": 1.0, "quantity.plastic_depth": depth,
+        "quantity.stored_energy": energy * depth,
+        "quantity.elastic_energy": energy * depth,
+        "quantity.plastic_volume": 1.0,
+        "quantity.plastic_depth": depth,
         "quantity.stiffness_loading": math.nan,  # that of a cap would be 0
-    }  # fmt: skip
+    }
 
 
 @functools.cache
 def order():
-    """Column 1 is closest, though row 2 was before it flowed; column 2 is the widest."""
+    """Column 1 is closest, though row 2 was before it flowed; column 2 is the
+    widest.
+    """
     gap, sunk = np.full((6, 4), 5.0), np.zeros((6, 4))
     gap[:, 1], gap[:, 2], gap[2, :], sunk[2, :] = 1.0, 8.0, 0.5, 3.0
     gap[2, 1:3], sunk[2, 1:3] = (0.4, 8.0), (0.6, 0.0)
@@ -83,13 +99,19 @@ def theory():
 
 
 METALLIC = effective_hardness(
-    yield_stress=1e9, mean_pressure=0.25e9, young_modulus=210e9, poisson_ratio=0.3, rms_slope=0.1
+    yield_stress=1e9,
+    mean_pressure=0.25e9,
+    young_modulus=210e9,
+    poisson_ratio=0.3,
+    rms_slope=0.1,
 )
 
 
 @functools.cache
 def by_hardness():
-    """Answers at the ends of the interval of an effective hardness, of which half a difference."""
+    """Answers at the ends of the interval of an effective hardness, of which half a
+    difference.
+    """
     step, soft, hard = (
         LoadStep(2.5e8, {"corrected": Areas(t, t - p, p)}, quantities={"mean_gap": g})
         for t, p, g in ((0.12, 0.05, 3e-6), (0.14, 0.08, 2.6e-6), (0.1, 0.03, 3.5e-6))
@@ -99,27 +121,45 @@ def by_hardness():
 
 
 POSTS = {
-    "area.total.raw": 37 / 480, "area.plastic.raw": 6 / 480, "area.elastic.raw": 31 / 480,
-    "quantity.total_patches": 3, "quantity.total_patches_largest": 16 / 480,
-    "quantity.elastic_patches": 2, "quantity.elastic_patches_largest": 16 / 480,
-    "quantity.plastic_patches": 1, "quantity.plastic_patches_largest": 6 / 480,
+    "area.total.raw": 37 / 480,
+    "area.plastic.raw": 6 / 480,
+    "area.elastic.raw": 31 / 480,
+    "quantity.total_patches": 3,
+    "quantity.total_patches_largest": 16 / 480,
+    "quantity.elastic_patches": 2,
+    "quantity.elastic_patches_largest": 16 / 480,
+    "quantity.plastic_patches": 1,
+    "quantity.plastic_patches_largest": 6 / 480,
     "quantity.surface_curvature": 26.5e-6 * (50e-6**-2 + 40e-6**-2),
-    "quantity.largest_pressure": 3e9, "mean_pressure": 60e6, "cost.unknowns": 480,
-    # What is no area of the posts' own has no front at which an area could be wrong by more.
-    "quantity.measured_raw_total": 0.0, "quantity.measured_raw_plastic": 0.0,
-}  # fmt: skip
+    "quantity.largest_pressure": 3e9,
+    "mean_pressure": 60e6,
+    "cost.unknowns": 480,
+    # What is no area of the posts' own has no front at which an area could be wrong by
+    # more.
+    "quantity.measured_raw_total": 0.0,
+    "quantity.measured_raw_plastic": 0.0,
+}
 ORDER = {"quantity.contact_percolation": 0.25, "quantity.gap_percolation": 0.25}
 BY_HARDNESS = {
-    "area.total.hardness_error": 0.02, "area.plastic.hardness_error": 0.025,
-    "area.elastic.hardness_error": 0.005, "quantity.mean_gap_error_by_hardness": 0.45e-6,
-    "quantity.hardness_error_by_map": METALLIC.value * (METALLIC.value / METALLIC.interval[0] - 1),
-}  # fmt: skip
-CASES = [(posts, POSTS), (by_hardness, BY_HARDNESS), (strain, hardened()), (order, ORDER),
-         (theory, {"quantity.energy_reduction": 0.41, "quantity.rms_slope": 0.07})]  # fmt: skip
+    "area.total.hardness_error": 0.02,
+    "area.plastic.hardness_error": 0.025,
+    "area.elastic.hardness_error": 0.005,
+    "quantity.mean_gap_error_by_hardness": 0.45e-6,
+    "quantity.hardness_error_by_map": METALLIC.value
+    * (METALLIC.value / METALLIC.interval[0] - 1),
+}
+CASES = [
+    (posts, POSTS),
+    (by_hardness, BY_HARDNESS),
+    (strain, hardened()),
+    (order, ORDER),
+    (theory, {"quantity.energy_reduction": 0.41, "quantity.rms_slope": 0.07}),
+]
 
 
 @pytest.mark.parametrize(
-    ("made", "name", "value"), [(m, name, v) for m, known in CASES for name, v in known.items()]
+    ("made", "name", "value"),
+    [(m, name, v) for m, known in CASES for name, v in known.items()],
 )
 def test_value(made, name, value):
     scene, found = made()
@@ -130,9 +170,13 @@ def test_value(made, name, value):
 
 SUMS = {
     "bem": {"fft_pairs": "fft_pairs", "equivalent_fft_pairs": "equivalent_fft_pairs"},
-    "fem": {"newton_steps": "newton", "cg_iterations": "cg", "contact_sweeps": "contact_sweeps",
-            "increments": "increments"},
-}  # fmt: skip
+    "fem": {
+        "newton_steps": "newton",
+        "cg_iterations": "cg",
+        "contact_sweeps": "contact_sweeps",
+        "increments": "increments",
+    },
+}
 
 
 def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
@@ -140,12 +184,22 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
     scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
     path = bem.solve(replace(scene, load=Load((2e8, 4e8, 1e8))), threads=1)
-    for part in ("total", "elastic", "plastic"):  # the claims of areas cover those of the posts
-        corrected, error = (getattr(one.final.areas[kind], part) for kind in ("corrected", "error"))
+    for part in (
+        "total",
+        "elastic",
+        "plastic",
+    ):  # the claims of areas cover those of the posts
+        corrected, error = (
+            getattr(one.final.areas[kind], part) for kind in ("corrected", "error")
+        )
         assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.018
     for found in (one, flow, path):
         for cost, step in SUMS[found.method].items():
-            assert found.cost[cost] == sum(each.iterations[step] for each in found.steps) > 0
+            assert (
+                found.cost[cost]
+                == sum(each.iterations[step] for each in found.steps)
+                > 0
+            )
         assert 0 < found.cost["seconds"] < 600
         assert found.final.iterations["newton"] >= 1
         assert found.final.iterations["cg"] >= found.final.iterations["newton"]
@@ -153,7 +207,9 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     assert (one.final.iterations["levels"], one.final.iterations["gradient"]) >= (1, 0)
     assert flow.cost["most_newton_steps"] <= flow.cost["newton_steps"]
     assert flow.cost["unknowns"] == 3 * 6 * 3
-    assert 0 <= flow.final.iterations["line_searches"] <= flow.final.iterations["newton"]
+    assert (
+        0 <= flow.final.iterations["line_searches"] <= flow.final.iterations["newton"]
+    )
     loose = bem.solve(scene, tolerance=0.1, threads=1)
     gap = loose.fields["gap"] / rough.std()
     touching = loose.fields["state"] == 1
@@ -162,8 +218,13 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
 
 
 def test_no_quantity_is_without_a_value():
-    """Of the method and its errors only: a gate of two methods proves that they agree."""
-    gates = [name.split(" ") for name in read_figures(KEPT).dropna(subset="low")["name"].unique()]
+    """Of the method and its errors only: a gate of two methods proves that they
+    agree.
+    """
+    gates = [
+        name.split(" ")
+        for name in read_figures(KEPT).dropna(subset="low")["name"].unique()
+    ]
     known = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
     known |= {name for _, values in CASES for name in values} | FIGURES
     for found in (posts()[1], strain()[1]):  # judged by their sums and their tolerance
@@ -171,7 +232,9 @@ def test_no_quantity_is_without_a_value():
         known |= {name for name in scalar_quantities(found) if name.startswith(counted)}
     known |= {"field.heights", "field.displacement"}  # by test_shown
     known |= {f"area.{part}.error" for part in ("total", "elastic", "plastic")}
-    known |= {name for name in QUANTITIES if name.rpartition(".")[0] in known}  # of a known limit
+    known |= {
+        name for name in QUANTITIES if name.rpartition(".")[0] in known
+    }  # of a known limit
     own = ("mean_gap_error_by_grid", *(f"{kind}_conductance" for kind in CONDUCTING))
     for name in own:  # by test_loads
         known |= {f"quantity.{name}", f"quantity.{name}.error"}

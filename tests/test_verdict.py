@@ -1,4 +1,6 @@
-"""Intervals, distances, gates and verdicts that are known by hand; one case is solved."""
+"""Intervals, distances, gates and verdicts that are known by hand; one case is
+solved.
+"""
 
 import errno
 import json
@@ -30,9 +32,20 @@ from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.made import commit_of
 from epcontact.harness.verdict.read_back import require_faithful
-from epcontact.harness.verdict.verification import only_writer, signed_again, verify, write_verdict
+from epcontact.harness.verdict.verification import (
+    only_writer,
+    signed_again,
+    verify,
+    write_verdict,
+)
 from epcontact.machine import available_cores
-from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.results import (
+    Areas,
+    ContactResult,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
 
 
 def gate(norm="relative", low=-0.1, high=0.1):
@@ -43,7 +56,14 @@ BEM, FEM = [1.0, 2.0, 4.0], [1.1, 1.9, 4.4]
 
 
 @pytest.mark.parametrize(
-    ("norm", "values", "references", "paired", "mean", "half_width"),  # Student's factor: 4.3026527
+    (
+        "norm",
+        "values",
+        "references",
+        "paired",
+        "mean",
+        "half_width",
+    ),  # Student's factor: 4.3026527
     [
         ("absolute", BEM, FEM, True, -2 / 15, 0.6251609479375779),
         ("relative", BEM, FEM, True, -9 / 209, 0.2058685516626538),
@@ -53,9 +73,13 @@ BEM, FEM = [1.0, 2.0, 4.0], [1.1, 1.9, 4.4]
         ("relative", [-1.0, -2.0, -4.0], [2.0], False, -13 / 6, 1.897291516798379),
     ],
 )
-def test_differences_of_known_values(norm, values, references, paired, mean, half_width):
+def test_differences_of_known_values(
+    norm, values, references, paired, mean, half_width
+):
     found = judge(gate(norm), values, references, paired).difference
-    assert (found.mean, found.half_width) == pytest.approx((mean, half_width), rel=1e-12)
+    assert (found.mean, found.half_width) == pytest.approx(
+        (mean, half_width), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,7 +87,12 @@ def test_differences_of_known_values(norm, values, references, paired, mean, hal
     [
         (gate(), [1.09], [1.0], True),
         (gate(), [1.11], [1.0], False),
-        (gate(), [0.9, 1.1], [1.0], False),  # the mean is well inside, the interval is not
+        (
+            gate(),
+            [0.9, 1.1],
+            [1.0],
+            False,
+        ),  # the mean is well inside, the interval is not
         (gate(), [0.98, 1.02, 0.99, 1.01], [1.0], True),
         (gate(), [1.0], [0.9, 1.1], False),
         (gate(low=0.07, high=0.12), [1.1], [1.0], True),
@@ -100,11 +129,13 @@ JUMP = PressureDistribution(np.array([0, 0.5 - 1e-12, 0.5]), np.array([0.0, 0.0,
     ("norm", "a", "b", "hardness", "exact"),
     [
         ("wasserstein", uniform(0.2), uniform(0.5), 4.0, 0.3 / 4),
-        # Without a hardness the scale is the mean contact pressure of the reference, here 1.
+        # Without a hardness the scale is the mean contact pressure of the reference,
+        # here 1.
         ("wasserstein", uniform(0.2, 0.25), uniform(0.5, 0.1), math.inf, 0.3),
         ("wasserstein", uniform(0, 0.2, 0.2), uniform(0, 0.3, 0.1), 2.0, 0.375 / 2),
         ("wasserstein", JUMP, uniform(0, 0.4), 4.0, 0.25 / 4),
-        # Of areas .5 and .25 the largest difference is .25, over the area of the reference.
+        # Of areas .5 and .25 the largest difference is .25, over the area of the
+        # reference.
         ("supremum", uniform(0, 0.5), uniform(0, 0.25), 4.0, 1.0),
         ("supremum", uniform(0, 0.2, 0.1), uniform(0, 0.1, 0.3), 2.0, 0.25),
         ("supremum", JUMP, uniform(0, 0.4), 4.0, 0.5),
@@ -122,13 +153,18 @@ def answer(method, *areas, claim=0.0, labels="abc"):
     for number, total in enumerate(areas):
         error = Areas(*(claim * (1 + number) * share for share in (1.0, 0.3, 0.7)))
         parts = dict.fromkeys(("raw", "corrected"), Areas(total, total / 2, total / 2))
-        step = LoadStep(5e8, parts | {"error": error}, quantities={"largest_pressure": number})
+        step = LoadStep(
+            5e8, parts | {"error": error}, quantities={"largest_pressure": number}
+        )
         results.append(ContactResult(method, (step,), Provenance("digest")))
     return Answer(tuple(results), tuple(labels[: len(areas)]))
 
 
 def of_bem(*areas, claim=0.0, **others):
-    return {"bem": answer("bem", *areas, claim=claim), "persson": answer("persson", 0.1)} | others
+    return {
+        "bem": answer("bem", *areas, claim=claim),
+        "persson": answer("persson", 0.1),
+    } | others
 
 
 def failed(method, *areas):
@@ -170,39 +206,62 @@ def test_exit_code_of_several_cases(case):
     held = judge_case(case, of_bem(0.1))
     skipped = judge_case(case.changed(skip="no file"), {})
     assert (skipped.status, skipped.gates) == ("skipped", [])
-    short, error = (held.model_copy(update={"status": s}) for s in ("falls short", "error"))
+    short, error = (
+        held.model_copy(update={"status": s}) for s in ("falls short", "error")
+    )
     for cases, exit_code in (
-        ([held, skipped], 0), ([held, short, held], 1), ([error, held], 2), ([short, error], 2)
-    ):  # fmt: skip
+        ([held, skipped], 0),
+        ([held, short, held], 1),
+        ([error, held], 2),
+        ([short, error], 2),
+    ):
         verdict = Verdict.on(cases, "fast")
         assert (verdict.exit_code, verdict.passed) == (exit_code, exit_code == 0)
 
 
 def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case):
-    absent = case.changed(gates=(replace(case.gates[0], quantity="quantity.diffusion"),))
+    absent = case.changed(
+        gates=(replace(case.gates[0], quantity="quantity.diffusion"),)
+    )
     (gate,) = judge_case(absent, of_bem(0.1)).gates
     assert gate.status == "error"
-    assert re.search(r"'quantity\.diffusion'; it has .*area\.total\.raw", str(gate.error))
+    assert re.search(
+        r"'quantity\.diffusion'; it has .*area\.total\.raw", str(gate.error)
+    )
 
 
 def test_areas_less_sure_than_the_band_do_not_hold(case):
     """Of two grids the smaller claim counts, and beside a theory that of the grid."""
     on_fem = replace(case.gates[0], against="fem")
-    gates = case.changed(methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem))
-    for claim, status in ((0.005, "holds"), (0.02, "falls short"), (math.nan, "falls short")):
+    gates = case.changed(
+        methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem)
+    )
+    for claim, status in (
+        (0.005, "holds"),
+        (0.02, "falls short"),
+        (math.nan, "falls short"),
+    ):
         given = of_bem(0.1, claim=claim, fem=answer("fem", 0.1, claim=0.03))
         judged = judge_case(gates, given)
         assert [gate.status for gate in judged.gates] == [status, status]
     assert "± 0.3 (of which 0.3 is claimed)" in str(judged.gates[1])
     # Two solvers on the same points share the error of their grid.
-    for claim, status in ((0.03, "holds"), (0.005, "falls short"), (math.nan, "falls short")):
+    for claim, status in (
+        (0.03, "holds"),
+        (0.005, "falls short"),
+        (math.nan, "falls short"),
+    ):
         told = of_bem(0.1, claim=claim)["bem"].results[0]
-        theirs = replace(told, provenance=replace(told.provenance, options={"solver": "x"}))
+        theirs = replace(
+            told, provenance=replace(told.provenance, options={"solver": "x"})
+        )
         given = of_bem(0.1, claim=0.03, fem=Answer((theirs,), ("a",)))
         assert judge_case(gates, given).gates[1].status == status
 
 
-@pytest.mark.parametrize("named", """\
+@pytest.mark.parametrize(
+    "named",
+    """\
     paper-elastoplastic area.plastic.raw 0.0572: published, theory
     paper-elastoplastic distribution persson: method here, theory – boundary elements
     theory-elastic quantity.mean_gap 3.954599994e-06: closed form, theory
@@ -211,26 +270,38 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
     fem-model-5 quantity.model_area 0.212: method here, J2 flow – pressure cap
     path-fem quantity.elements_pressure 0.0: method here, finite elements
     path-unloaded quantity.measured_gap 0.0: identity, after the load
-    path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines())  # fmt: skip
+    path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines(),
+)
 def test_what_a_gate_verifies_and_on_what_it_rests(named):
-    name, quantity, against, told = [*named.strip().split(" ", 3)[:3], named.split(": ")[1]]
+    name, quantity, against, told = [
+        *named.strip().split(" ", 3)[:3],
+        named.split(": ")[1],
+    ]
     case = load_case(find_case(name))
     places = {(g.quantity, f"{g.against}"): g for g in case.gates}
     gate = places[quantity, against.rstrip(":")]
     assert f"{kind_of(case, gate)}, {subject_of(case, gate)}" == told
-    mine = replace(gate, of="mine")  # a solver that is judged does not change its reference
+    mine = replace(
+        gate, of="mine"
+    )  # a solver that is judged does not change its reference
     assert kind_of(case, mine) == told.partition(",")[0]
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):
     bem = answer("bem", 0.12, 0.121, 0.122, claim=0.001)
-    case = case.changed(gates=(replace(case.gates[0], quantity="area.plastic.corrected"),))
+    case = case.changed(
+        gates=(replace(case.gates[0], quantity="area.plastic.corrected"),)
+    )
     made = Provenance("digest", versions={"numpy": "1.0"})
-    older = replace(bem, results=tuple(replace(r, provenance=made) for r in bem.results))
+    older = replace(
+        bem, results=tuple(replace(r, provenance=made) for r in bem.results)
+    )
     judged = Verdict.on([judge_case(case, of_bem(bem=older))], "fast")
     write_verdict(judged, tmp_path)
     written = Verdict.read(tmp_path / "verdict.json")
-    assert written.model_dump(exclude={"digest"}) == judged.model_dump(exclude={"digest"})
+    assert written.model_dump(exclude={"digest"}) == judged.model_dump(
+        exclude={"digest"}
+    )
     assert written.versions["numpy"] == f"1.0, {np.__version__}"
     (told,) = written.cases[0].gates
     assert told.difference.mean == pytest.approx(0.21)
@@ -239,8 +310,14 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
     told = {p.attrib["name"]: p.attrib["value"] for p in suites.iter("property")}
-    assert told == {"reference": "method here", "verifies": "theory – boundary elements"}
-    assert "only a smoke test" in suites.find("testsuite/testcase/failure").attrib["message"]
+    assert told == {
+        "reference": "method here",
+        "verifies": "theory – boundary elements",
+    }
+    assert (
+        "only a smoke test"
+        in suites.find("testsuite/testcase/failure").attrib["message"]
+    )
 
 
 def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monkeypatch):
@@ -258,7 +335,10 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
     assert made.version == version("epcontact")
     assert before <= datetime.fromisoformat(made.date) <= datetime.now(UTC)
     assert (made.cores, made.system) == (available_cores(), "my-system my-machine")
-    assert "my-node" not in (tmp_path / JSON).read_text() + (tmp_path / "junit.xml").read_text()
+    assert (
+        "my-node"
+        not in (tmp_path / JSON).read_text() + (tmp_path / "junit.xml").read_text()
+    )
     assert [case.gates for case in again.cases] == [case.gates for case in first.cases]
 
 
@@ -271,7 +351,9 @@ def git(folder, *words):
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(tmp_path, monkeypatch):
+def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(
+    tmp_path, monkeypatch
+):
     inner = tmp_path / "site-packages"
     for home in (tmp_path, inner):
         (home / "epcontact").mkdir(parents=True)
@@ -299,13 +381,19 @@ def test_seconds_are_those_of_the_solves(written):
     (judged,) = json.loads((written / JSON).read_text())["cases"]
     spent = {}
     for name, method in judged["methods"].items():
-        members = json.loads((written / f"small/fast/{name}.json").read_text())["members"]
+        members = json.loads((written / f"small/fast/{name}.json").read_text())[
+            "members"
+        ]
         seconds = [member["cost"]["seconds"] for member in members]
         assert [*method["seconds"].values()] == seconds
-        assert [*method["seconds"]] == [f"seed{m['provenance']['seed']}" for m in members]
+        assert [*method["seconds"]] == [
+            f"seed{m['provenance']['seed']}" for m in members
+        ]
         spent[name] = sum(seconds)
     suite = ET.parse(written / "junit.xml").getroot().find("testsuite")
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", suite.attrib["timestamp"])
+    assert re.fullmatch(
+        r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", suite.attrib["timestamp"]
+    )
     times = [float(test.attrib["time"]) for test in suite.iter("testcase")]
     assert sum(times) == pytest.approx(sum(spent.values()), abs=2e-3 * len(times))
     assert times[0] == pytest.approx(spent["bem"] + spent["persson"], abs=2e-3)
@@ -319,10 +407,16 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
     labels = [f"seed{member['provenance']['seed']}" for member in members]
     assert answer["ensemble"]["surfaces"] == labels == ["seed3", "seed5", "seed7"]
     for kind, areas in answer["areas"].items():
-        assert areas["total"] == pytest.approx(fmean(m["areas"][kind]["total"] for m in members))
+        assert areas["total"] == pytest.approx(
+            fmean(m["areas"][kind]["total"] for m in members)
+        )
         spread = answer["ensemble"]["areas"][kind]["plastic"]
         parts = [member["areas"][kind]["plastic"] for member in members]
-        known = fmean(parts), np.std(parts, ddof=1), 4.302653 / 3**0.5 * np.std(parts, ddof=1)
+        known = (
+            fmean(parts),
+            np.std(parts, ddof=1),
+            4.302653 / 3**0.5 * np.std(parts, ddof=1),
+        )
         assert [*spread.values()] == pytest.approx(known, rel=1e-6)
     force = [member["residuals"]["gap_elastic"] for member in members]
     assert answer["residuals"]["gap_elastic"] == max(force) > min(force)
@@ -333,22 +427,32 @@ def test_the_last_verdict_survives_a_full_disk(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     verify("bearing-area", output=tmp_path, jobs=1)
-    last = {name: (tmp_path / name).read_bytes() for name in ("verdict.json", "junit.xml")}
+    last = {
+        name: (tmp_path / name).read_bytes() for name in ("verdict.json", "junit.xml")
+    }
     with monkeypatch.context() as disk:
         disk.setattr(os, "fsync", full)
         for _ in range(2):
             with pytest.raises(OutputError, match="no space left on device"):
                 verify("bearing-area", output=tmp_path, jobs=1)
-            # Under its own name it would pass for the verdict of the run that has failed.
+            # Under its own name it would pass for the verdict of the run that has
+            # failed.
             assert not [name for name in last if (tmp_path / name).exists()]
-            assert {name: (tmp_path / f"earlier-{name}").read_bytes() for name in last} == last
-    with only_writer(tmp_path), pytest.raises(OutputError, match="another run is writing"):
+            assert {
+                name: (tmp_path / f"earlier-{name}").read_bytes() for name in last
+            } == last
+    with (
+        only_writer(tmp_path),
+        pytest.raises(OutputError, match="another run is writing"),
+    ):
         verify("bearing-area", output=tmp_path, jobs=1)
     with pytest.raises(ZeroDivisionError):  # in what is drawn of a verdict that passed
         verify("bearing-area", output=tmp_path, jobs=1, finish=lambda verdict: 1 / 0)
     assert not [*tmp_path.glob("*.json"), *tmp_path.glob("*.xml")]
     assert verify("bearing-area", output=tmp_path, jobs=1).passed
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(last)
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == sorted(
+        last
+    )
 
 
 MORE_GATES = """
@@ -372,7 +476,9 @@ because = "only a smoke test"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The output folder of three surfaces, a paired gate, and gates that hold and fall short."""
+    """The output folder of three surfaces, a paired gate, and gates that hold and fall
+    short.
+    """
     folder = tmp_path_factory.mktemp("written")
     gamma = "energy_reduction = 0.536"
     own = conftest.SMALL_CASE.replace(gamma, f'{gamma}\nspectrum = "surface"')
@@ -400,7 +506,9 @@ JSON, BEM = "verdict.json", "small/fast/bem.json"
         (BEM, "members 0 steps", [{}], "a part is missing"),
     ],
 )
-def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, place, value, words):
+def test_what_contradicts_another_file_is_withdrawn(
+    written, tmp_path, file, place, value, words
+):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     require_faithful(folder)
     Verdict.read(folder / JSON)
@@ -410,11 +518,17 @@ def test_what_contradicts_another_file_is_withdrawn(written, tmp_path, file, pla
         part = part[key]
     part[last] = value
     (folder / file).write_text(json.dumps(data))
-    for command in (("report", folder), ("compare", folder), ("gates", "--output", folder)):
+    for command in (
+        ("report", folder),
+        ("compare", folder),
+        ("gates", "--output", folder),
+    ):
         assert "was changed, moved or" in invoke(*command).stderr
     with pytest.raises(OutputError, match=words):
         require_faithful(folder)
-    assert not [name for name in ("verdict.json", "junit.xml") if (folder / name).exists()]
+    assert not [
+        name for name in ("verdict.json", "junit.xml") if (folder / name).exists()
+    ]
 
 
 def test_a_run_beside_a_verdict_leaves_it_signed_if_its_figures_stay(written, tmp_path):
@@ -434,9 +548,19 @@ def test_a_damaged_file_is_one_sentence(written, tmp_path):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     for path in (folder / JSON, folder / BEM):
         whole = path.read_bytes()
-        for content in (b"", b"{", b"[1]", b"3", b"null", b'{"digest": 1}', b"\xff", 9999 * b"[",
-                        whole[:-9], whole.replace(b'"case', b'"cace'),
-                        whole.replace(b"0.1", b"0.2", 1)):  # fmt: skip
+        for content in (
+            b"",
+            b"{",
+            b"[1]",
+            b"3",
+            b"null",
+            b'{"digest": 1}',
+            b"\xff",
+            9999 * b"[",
+            whole[:-9],
+            whole.replace(b'"case', b'"cace'),
+            whole.replace(b"0.1", b"0.2", 1),
+        ):
             assert content != whole
             path.write_bytes(content)
             done = invoke("report", folder)

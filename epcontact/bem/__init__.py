@@ -1,7 +1,8 @@
-"""Boundary elements on a periodic grid: rough contact with the pressure capped at the hardness.
+"""Boundary elements on a periodic grid: rough contact with the pressure capped at the
+hardness.
 
-`solve` solves a scene; `solve_pressure` does the same on plain arrays.  The modules, in the order
-in which a scene passes through them:
+`solve` solves a scene; `solve_pressure` does the same on plain arrays.  The modules, in
+the order in which a scene passes through them:
 
     driver      scene -> problem (GridProblem, Options)  -> result
     solver      solves on coarse grids first; each grid is a level
@@ -21,12 +22,23 @@ if TYPE_CHECKING:
     from epcontact.bem.problem import METHODS, GridProblem, Options, PressureSolution
     from epcontact.bem.solver import solve_pressure
 
-__all__ = ["METHODS", "GridProblem", "Options", "PressureSolution", "solve", "solve_pressure"]
+__all__ = [
+    "METHODS",
+    "GridProblem",
+    "Options",
+    "PressureSolution",
+    "solve",
+    "solve_pressure",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name at its first use: `import epcontact.bem` loads no compiler."""
+    """Import a public name at its first use: `import epcontact.bem` loads no
+    compiler.
+    """
     if name not in __all__:
         raise AttributeError(f"module 'epcontact.bem' has no attribute {name!r}")
     homes = {"solve": "driver", "solve_pressure": "solver"}
-    return getattr(importlib.import_module(f"epcontact.bem.{homes.get(name, 'problem')}"), name)
+    return getattr(
+        importlib.import_module(f"epcontact.bem.{homes.get(name, 'problem')}"), name
+    )

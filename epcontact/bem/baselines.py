@@ -1,10 +1,11 @@
 """Classic methods of rough contact, with which the Newton method is compared.
 
-They start from a uniform pressure, use no coarser grids, and are judged by the same residuals.
-relaxation is that of Almqvist, Sahlin, Larsson and Glavatskih, Tribology International 40 (2007)
-574, p <- clip(p - omega K g) with the pressure cut at the hardness; polonsky_keer are the
-constrained conjugate gradients of Polonsky and Keer, Wear 231 (1999) 206, where points at the
-hardness leave the set on which directions are conjugate; projected_gradient is that of `bounds`.
+They start from a uniform pressure, use no coarser grids, and are judged by the same
+residuals. relaxation is that of Almqvist, Sahlin, Larsson and Glavatskih, Tribology
+International 40 (2007) 574, p <- clip(p - omega K g) with the pressure cut at the
+hardness; polonsky_keer are the constrained conjugate gradients of Polonsky and Keer,
+Wear 231 (1999) 206, where points at the hardness leave the set on which directions are
+conjugate; projected_gradient is that of `bounds`.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate
 
 
 def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve from a feasible p; K is the stiffness of the longest wave, which is stable for all."""
+    """Solve from a feasible p; K is the stiffness of the longest wave, which is stable
+    for all.
+    """
     it = first_iterate(level, p)
     symbol = level.convolution.symbol
     length = 1 / (float(symbol.values.max()) * level.convolution.scale)
@@ -87,7 +90,9 @@ def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _rescale(p: FloatArray, cap: float, total: float) -> None:
-    """Scale the pressures below the cap so that their sum is kept; cut those above the cap."""
+    """Scale the pressures below the cap so that their sum is kept; cut those above the
+    cap.
+    """
     below = p < cap
     full = float(np.count_nonzero(~below))
     wanted, carried = total - cap * full if full else total, float(p[below].sum())

@@ -1,9 +1,9 @@
 """Move a pressure into its bounds 0 <= p <= cap and keep its mean.
 
-`project` finds the nearest feasible pressure.  `put` writes the result of a Newton step and
-restores, cell by cell, the force that the bounds cut off.  A projected gradient step is p <- P(p -
-lambda (u - h)), P the projection, lambda the spectral length of Barzilai and Borwein, with an exact
-line search: the energy along it is a parabola.
+`project` finds the nearest feasible pressure.  `put` writes the result of a Newton step
+and restores, cell by cell, the force that the bounds cut off.  A projected gradient
+step is p <- P(p - lambda (u - h)), P the projection, lambda the spectral length of
+Barzilai and Borwein, with an exact line search: the energy along it is a parabola.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from epcontact.bem.transforms import BLOCK_POINTS, Points
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-# To restore the force, a point moves by at most this share of its distance to its bounds, so that
-# it reaches neither.  The numbers of transform pairs with 0.5 to 0.999 agree to 0.4 %.
+# To restore the force, a point moves by at most this share of its distance to its
+# bounds, so that it reaches neither.  The numbers of transform pairs with 0.5 to 0.999
+# agree to 0.4 %.
 _LARGEST_SHARE = 0.9
 
 
@@ -30,14 +31,19 @@ def project(
     workers: Workers | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.  The sum is
-    piecewise linear and increasing in z; Newton steps within a bracket find z.  The result is
-    written to `out`, which may be w itself."""
+    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
+    The sum is piecewise linear and increasing in z; Newton steps within a bracket find
+    z.  The result is written to `out`, which may be w itself.
+    """
     workers, parts = workers or Workers(), ranges(w.size, BLOCK_POINTS)
     blocks = split(w.reshape(-1), parts)
-    extremes = workers.each(lambda block: (float(block.min()), float(block.max())), blocks)
+    extremes = workers.each(
+        lambda block: (float(block.min()), float(block.max())), blocks
+    )
     low = -max(largest for _, largest in extremes)
-    high = (cap if np.isfinite(cap) else total) - min(smallest for smallest, _ in extremes)
+    high = (cap if np.isfinite(cap) else total) - min(
+        smallest for smallest, _ in extremes
+    )
     z = min(max(0.0, low), high)
     for _ in range(200):
         summed, inside = workers.total(clipped_sum, blocks, z, cap)
@@ -55,12 +61,19 @@ def project(
 
 
 def put(
-    level: Level, p: FloatArray, points: Points, cells: Cells, pressure: FloatArray, x: FloatArray
+    level: Level,
+    p: FloatArray,
+    points: Points,
+    cells: Cells,
+    pressure: FloatArray,
+    x: FloatArray,
 ) -> None:
-    """Write pressure + x at the points of p, move it into the bounds and restore its force.  If all
-    points shared the force that the bounds cut off equally, a long-wave imbalance, whose
-    displacement is large, would be left, and steps would overshoot.  So each cell keeps its force
-    if its points can carry it, and otherwise the rest goes to as small a block of cells as can."""
+    """Write pressure + x at the points of p, move it into the bounds and restore its
+    force.  If all points shared the force that the bounds cut off equally, a long-wave
+    imbalance, whose displacement is large, would be left, and steps would overshoot.
+    So each cell keeps its force if its points can carry it, and otherwise the rest goes
+    to as small a block of cells as can.
+    """
     flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
     missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
@@ -79,7 +92,9 @@ def put(
 
 
 def gradient_step(level: Level, it: Iterate, length: float) -> float:
-    """Take one projected gradient step with exact line search; returns the next length."""
+    """Take one projected gradient step with exact line search; returns the next
+    length.
+    """
     p_old, u_old = it.p, it.u
     w = u_old - level.heights
     w *= -length
@@ -99,10 +114,11 @@ def gradient_step(level: Level, it: Iterate, length: float) -> float:
 
 @compiled
 def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
-    """The shares, by cell, that restore the forces `left` as near to it as possible.  Each share
-    times its weight is a force, and no share is beyond _LARGEST_SHARE.  Cells that cannot carry
-    their force pass the rest to blocks of 2 x 2, 4 x 4, ... cells, until no more than `rounding` is
-    left."""
+    """The shares, by cell, that restore the forces `left` as near to it as possible.
+    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.
+    Cells that cannot carry their force pass the rest to blocks of 2 x 2, 4 x 4, ...
+    cells, until no more than `rounding` is left.
+    """
     mx, my = left.shape
     side, worst = 1, np.inf
     while worst > rounding and side < 2 * max(mx, my):
@@ -115,11 +131,13 @@ def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
 
 
 @compiled
-def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]) -> float:
+def share_block(
+    left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]
+) -> float:
     """Restore the forces of a block by equal parts of what its cells can carry.
 
-    block: its first cell and the one behind its last, along x and along y.  Returns the largest
-    force that is left.
+    block: its first cell and the one behind its last, along x and along y.  Returns the
+    largest force that is left.
     """
     first, last, begin, end = block
     wanted = able = worst = 0.0
@@ -143,7 +161,9 @@ def share_block(left: Any, weight: Any, share: Any, block: tuple[int, int, int, 
 
 @compiled
 def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
-    """Sum of clip(w + z, 0, cap), and the number of points strictly between the bounds."""
+    """Sum of clip(w + z, 0, cap), and the number of points strictly between the
+    bounds.
+    """
     total, inside = 0.0, 0
     for i in range(w.size):
         value = w[i] + z
@@ -166,7 +186,9 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 def put_clipped(
     cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
 ) -> None:
-    """p = clip(pressure + x, 0, cap) at the points; sums: by cell what is cut, p (1 - p/cap)."""
+    """p = clip(pressure + x, 0, cap) at the points; sums: by cell what is cut, p (1 -
+    p/cap).
+    """
     sums[:] = 0.0
     for k in range(index.size):
         wanted = pressure[k] + x[k]
@@ -177,8 +199,12 @@ def put_clipped(
 
 
 @compiled
-def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[float, float]:
-    """p += factor[cell] p (1 - p/cap) at the points; returns the sums of p and p (1 - p/cap)."""
+def spread(
+    p: Any, index: Any, cell: Any, factor: Any, cap: float
+) -> tuple[float, float]:
+    """p += factor[cell] p (1 - p/cap) at the points; returns the sums of p and p (1 -
+    p/cap).
+    """
     total = weight = 0.0
     for k in range(index.size):
         i = index[k]
@@ -190,7 +216,9 @@ def spread(p: Any, index: Any, cell: Any, factor: Any, cap: float) -> tuple[floa
 
 
 @compiled
-def descent_products(p: Any, u: Any, h: Any, p_old: Any, u_old: Any) -> tuple[float, float, float]:
+def descent_products(
+    p: Any, u: Any, h: Any, p_old: Any, u_old: Any
+) -> tuple[float, float, float]:
     """(u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
     slope = curvature = square = 0.0
     for i in range(p.size):

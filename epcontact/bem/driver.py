@@ -1,6 +1,8 @@
-"""Solve a scene by boundary elements: check input and memory, and put the result together.
+"""Solve a scene by boundary elements: check input and memory, and put the result
+together.
 
-The modules below do not know the scene: they take a `GridProblem` for each load, and `Options`.
+The modules below do not know the scene: they take a `GridProblem` for each load, and
+`Options`.
 """
 
 from __future__ import annotations
@@ -36,11 +38,12 @@ from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Proven
 from epcontact.scene import Scene, require_kind
 
 _DISTRIBUTION_BINS = 1024
-# Along a load path the last solution is the better start up to this ratio of loads; beyond it,
-# coarse grids give the better one.
+# Along a load path the last solution is the better start up to this ratio of loads;
+# beyond it, coarse grids give the better one.
 _WARM_RATIO = 1.03
-#: The grid's error of the mean gap is this times rms slope times spacing times the share of the
-#: area that its correction, with its claim, may move (`laboratory.area_bank --gaps`).
+#: The grid's error of the mean gap is this times rms slope times spacing times the
+#: share of the area that its correction, with its claim, may move
+#: (`laboratory.area_bank --gaps`).
 _GAP_ERROR = 0.28
 
 
@@ -58,33 +61,38 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     progress: Callable[[float, str], None] | None = None,
     on_step: Callable[[ContactResult], None] | None = None,
 ) -> ContactResult:
-    """Solve the capped contact problem of a scene at each mean pressure of its load path.
+    """Solve the capped contact problem of a scene at each mean pressure of its load
+    path.
 
-    The path may go down and up again.  Each load meets the surface that the loads before it have
-    left behind: where the pressure reached the hardness, flow has lowered it (`bem.flow`).
+    The path may go down and up again.  Each load meets the surface that the loads
+    before it have left behind: where the pressure reached the hardness, flow has
+    lowered it (`bem.flow`).
 
     Args:
         scene: surface, material, body and load.
         tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
-        area_tolerance: stop as soon as the areas are settled to this relative change (the
-            residuals reached are in the result); None: stop only when the residuals meet
-            `tolerance`.
+        area_tolerance: stop as soon as the areas are settled to this relative change
+            (the residuals reached are in the result); None: stop only when the
+            residuals meet `tolerance`.
         threads: number of threads; None: all cores of the process.
-        compliance: surface compliance in m/Pa for each mode of `numpy.fft.rfftn(heights)`,
-            instead of the body's own.
+        compliance: surface compliance in m/Pa for each mode of
+            `numpy.fft.rfftn(heights)`, instead of the body's own.
         method: "newton", or the name of a baseline.
-        start: pressure field in Pa to start the first load from, instead of coarser grids.
-        plastic_displacement: how far earlier flow has lowered the surface, in m, of the heights'
-            shape: the field of this name of an earlier result, whose path this one continues.
+        start: pressure field in Pa to start the first load from, instead of coarser
+            grids.
+        plastic_displacement: how far earlier flow has lowered the surface, in m, of the
+            heights' shape: the field of this name of an earlier result, whose path this
+            one continues.
         max_steps: most steps of the method; None: its own limit.
-        progress: called now and then with the share of the path that is done and a sentence.
-        on_step: called at each load with the result so far, whose fields are those of that load;
-            it must not change them.
+        progress: called now and then with the share of the path that is done and a
+            sentence.
+        on_step: called at each load with the result so far, whose fields are those of
+            that load; it must not change them.
 
     Returns:
-        The areas and other quantities at each load, and the fields at the last one.  The fields
-        gap and heights refer to the surface before any flow, so that the open gap is gap +
-        plastic_displacement.
+        The areas and other quantities at each load, and the fields at the last one.
+        The fields gap and heights refer to the surface before any flow, so that the
+        open gap is gap + plastic_displacement.
 
     Raises:
         InvalidScene: the scene or an option is not valid.
@@ -123,17 +131,24 @@ def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
     """The scene's compliance, or the one that is given; a line is a grid of one row."""
     if compliance is not None:
         return checked_symbol(compliance, scene.surface.shape)
-    (nx, ny), (x, y) = (1, *scene.surface.shape)[-2:], (1.0, *scene.surface.periods)[-2:]
+    (nx, ny), (x, y) = (
+        (1, *scene.surface.shape)[-2:],
+        (1.0, *scene.surface.periods)[-2:],
+    )
     quarter = quarter_compliance((nx, ny), (x, y), scene.body, scene.material)
     symbol = Symbol.from_quarter(quarter, (nx, ny))
     if scene.surface.heights.size > KEPT_POINTS:
         return symbol
-    return _kept(symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), (nx, ny))
+    return _kept(
+        symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), (nx, ny)
+    )
 
 
 @functools.lru_cache(maxsize=4)
 def _kept(values: bytes, rows: bytes, grid: tuple[int, int]) -> Symbol:
-    """The one symbol of these values; it keeps what solves of other surfaces need, too."""
+    """The one symbol of these values; it keeps what solves of other surfaces need,
+    too.
+    """
     numbers = np.frombuffer(values).reshape(-1, grid[1] // 2 + 1).copy()
     return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), grid)
 
@@ -154,8 +169,12 @@ class _Path:
     ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
         """Solve at each load, on the surface that the loads before it have left.  Returns the load
         steps, the surface under the last load, and the transforms of all loads.  start, before:
-        pressure in Pa to start from, and plastic displacement before the first load."""
-        heights, path = self.scene.surface.heights.reshape(self.symbol.shape), self.scene.load.path
+        pressure in Pa to start from, and plastic displacement before the first load.
+        """
+        heights, path = (
+            self.scene.surface.heights.reshape(self.symbol.shape),
+            self.scene.load.path,
+        )
         left = heights if before is None else heights - before
         steps: list[LoadStep] = []
         peak = 0.0  # that has left the flow `before`, if it is one of this path
@@ -166,7 +185,9 @@ class _Path:
             shown = replace(self.options, progress=self.share_done(len(steps)))
             now = loaded(problem, shown, start, before, peak)
             steps.append(_load_step(self.scene, now, self.options.threads))
-            pairs = {name: count + now.solution.counts[name] for name, count in pairs.items()}
+            pairs = {
+                name: count + now.solution.counts[name] for name, count in pairs.items()
+            }
             if self.on_step is not None:
                 self.on_step(self.result(tuple(steps), now, dict(pairs)))
             if len(steps) == len(path):
@@ -175,12 +196,16 @@ class _Path:
                 before, peak = now.after, max(peak, load)
                 left = heights - before
             start = _warm_start(now, left, path[len(steps)])
-            del now, problem  # their fields would stay in memory beside those of the next load
+            del (
+                now,
+                problem,
+            )  # their fields would stay in memory beside those of the next load
 
     def share_done(self, load: int) -> Callable[[tuple[int, ...], float], None] | None:
-        """The progress of the load of a number, as a function of grid and residual.  A grid has its
-        share of the work by its points, so that all coarser ones have a quarter of its own, and
-        residuals fall by equal factors in equal times."""
+        """The progress of the load of a number, as a function of grid and residual.  A
+        grid has its share of the work by its points, so that all coarser ones have a
+        quarter of its own, and residuals fall by equal factors in equal times.
+        """
         if (progress := self.progress) is None:
             return None
         path, tolerance = self.scene.load.path, self.options.tolerance
@@ -190,7 +215,9 @@ class _Path:
             settled = math.log(max(residual, tolerance)) / math.log(tolerance)
             share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
             words = " x ".join(map(str, grid))
-            sentence = f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+            sentence = (
+                f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+            )
             progress((load + share) / len(path), f"{sentence}{residual:.1e}")
 
         return report
@@ -214,7 +241,10 @@ class _Path:
         }
         if last.after is not None:
             fields["plastic_displacement"] = last.after.reshape(surface.shape)
-        chosen: dict[str, Any] = {"method": options.method, "tolerance": options.tolerance}
+        chosen: dict[str, Any] = {
+            "method": options.method,
+            "tolerance": options.tolerance,
+        }
         if options.area_tolerance:
             chosen["area_tolerance"] = options.area_tolerance
         if self.given_compliance:
@@ -231,9 +261,12 @@ class _Path:
         )
 
 
-def _warm_start(last: LoadedSurface, left: FloatArray, following: float) -> FloatArray | None:
+def _warm_start(
+    last: LoadedSurface, left: FloatArray, following: float
+) -> FloatArray | None:
     """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.  Where
-    p is 0, it still shows how far away contact is.  left: the heights that the load meets."""
+    p is 0, it still shows how far away contact is.  left: the heights that the load meets.
+    """
     problem, solution = last.problem, last.solution
     ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
@@ -247,17 +280,26 @@ def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
     # Unlike a product of a linear algebra library, this starts no threads.
     work = float(np.einsum("ij,ij->", solution.pressure, solution.displacement))
     energy = (work / solution.pressure.size + _compression(scene, load) * load) / 2
-    found = figures(scene, solution.pressure, now.gap(), energy, now.before, now.after, threads)
+    found = figures(
+        scene, solution.pressure, now.gap(), energy, now.before, now.after, threads
+    )
     counts = {name: int(count) for name, count in solution.counts.items()}
     step = LoadStep(load, found[0], dict(solution.residuals), counts, found[1])
     return step.with_errors(scene.surface.treatment_errors, "treatment")
 
 
 def figures(
-    scene: Scene, pressure: FloatArray, gap: FloatArray, energy: float,
-    before: FloatArray | None, after: FloatArray | None, threads: int = 1,
-) -> tuple[dict[str, Areas], dict[str, float]]:  # fmt: skip
-    """The areas and quantities of a load; gap, which is changed, and flow as of `LoadedSurface`."""
+    scene: Scene,
+    pressure: FloatArray,
+    gap: FloatArray,
+    energy: float,
+    before: FloatArray | None,
+    after: FloatArray | None,
+    threads: int = 1,
+) -> tuple[dict[str, Areas], dict[str, float]]:
+    """The areas and quantities of a load; gap, which is changed, and flow as of
+    `LoadedSurface`.
+    """
     shape, hardness = scene.surface.shape, scene.material.hardness
     open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
     separation, flow, flowed = float(gap.mean()), 0.0, 0.0
@@ -289,12 +331,20 @@ def figures(
 
 
 def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -> Areas:
-    """The error of areas whose correction is that of a half-space.  By what share a layer is
-    stiffer against waves of two spacings, twice as much of the correction is in doubt."""
-    shortest, modulus = math.pi / max(scene.surface.spacing), effective_modulus(scene.material)
+    """The error of areas whose correction is that of a half-space.  By what share a
+    layer is stiffer against waves of two spacings, twice as much of the correction is
+    in doubt.
+    """
+    shortest, modulus = (
+        math.pi / max(scene.surface.spacing),
+        effective_modulus(scene.material),
+    )
     compliance = surface_compliance(np.array([shortest]), scene.body, scene.material)[0]
     stiffer = 1 - compliance * modulus * shortest / 2
-    doubts = (2 * stiffer * (getattr(raw, part) - getattr(corrected, part)) for part in vars(error))
+    doubts = (
+        2 * stiffer * (getattr(raw, part) - getattr(corrected, part))
+        for part in vars(error)
+    )
     return Areas(*map(math.hypot, vars(error).values(), doubts))
 
 

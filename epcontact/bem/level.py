@@ -1,4 +1,5 @@
-"""One grid of the cascade: its sets, its offset and the residuals of its optimality conditions.
+"""One grid of the cascade: its sets, its offset and the residuals of its optimality
+conditions.
 
 Inside the solver a pressure is in units of the mean pressure, a height or gap in metres.  With
 g = u + z - h (u the displacement, z the offset of the flat) the Karush-Kuhn-Tucker conditions
@@ -21,17 +22,21 @@ from epcontact.results import FloatArray
 
 StateArray = NDArray[np.uint8]
 
-#: First length of a projected gradient step, and the factor c of the pressures p - c g that start a
-#: finer grid or the next load, in units of the stiffness of the shortest wave along an axis.
+#: First length of a projected gradient step, and the factor c of the pressures p - c g
+#: that start a finer grid or the next load, in units of the stiffness of the shortest
+#: wave along an axis.
 GRADIENT_STEP = 0.3
 
 
 class Level:
-    """A grid problem with the data of its iterations.  Gap residuals are divided by gap_scale (m),
-    that of the finest grid; `step` is the first length c of a gradient step p - c g, in mean
-    pressures per m; `parts` are the blocks' flat ranges."""
+    """A grid problem with the data of its iterations.  Gap residuals are divided by
+    gap_scale (m), that of the finest grid; `step` is the first length c of a gradient
+    step p - c g, in mean pressures per m; `parts` are the blocks' flat ranges.
+    """
 
-    def __init__(self, problem: GridProblem, gap_scale: float, workers: Workers) -> None:
+    def __init__(
+        self, problem: GridProblem, gap_scale: float, workers: Workers
+    ) -> None:
         self.heights = problem.heights.view()
         # As those of a scene, so that kernels are compiled for one kind of array.
         self.heights.flags.writeable = False
@@ -54,7 +59,9 @@ class Iterate:
     u: FloatArray  # its displacement, in m
     z: float = 0.0  # the offset, in m
     settled: bool = False  # whether the goal is met
-    history: list[float] = field(default_factory=list)  # the largest residual after each step
+    history: list[float] = field(
+        default_factory=list
+    )  # the largest residual after each step
     newton: int = 0  # numbers of steps
     cg: int = 0
     gradient: int = 0
@@ -70,16 +77,21 @@ def first_iterate(level: Level, p: FloatArray) -> Iterate:
 
 
 def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, float]:
-    """(offset z in m, mean of p, energy) of a pressure and its displacement.  The energy is in mean
-    pressures times m, summed over the points.  If no point is between its bounds, the offset is the
-    middle of the range that the other two sets allow."""
+    """(offset z in m, mean of p, energy) of a pressure and its displacement.  The
+    energy is in mean pressures times m, summed over the points.  If no point is between
+    its bounds, the offset is the middle of the range that the other two sets allow.
+    """
     sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
     needed, number, force, energy = sums
     if number:
         return needed / number, force / p.size, energy
     offsets = level.heights - u
     ends = offsets[p <= 0].max(initial=-np.inf), offsets[p > 0].min(initial=np.inf)
-    return float(np.mean([end for end in ends if np.isfinite(end)])), force / p.size, energy
+    return (
+        float(np.mean([end for end in ends if np.isfinite(end)])),
+        force / p.size,
+        energy,
+    )
 
 
 def states(p: FloatArray, cap: float) -> StateArray:
@@ -90,10 +102,13 @@ def states(p: FloatArray, cap: float) -> StateArray:
 def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
     """The largest violation of each optimality condition, dimensionless.
 
-    gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both divided by the
-    level's gap scale); bounds: pressure beyond its bounds, by the mean pressure; force: mean(p).
+    gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both
+    divided by the level's gap scale); bounds: pressure beyond its bounds, by the mean
+    pressure; force: mean(p).
     """
-    parts = level.workers.each(violations, *level.split(it.p, it.u, level.heights), it.z, level.cap)
+    parts = level.workers.each(
+        violations, *level.split(it.p, it.u, level.heights), it.z, level.cap
+    )
     elastic, sign, bounds, force = zip(*parts, strict=True)
     return {
         "gap_elastic": max(elastic) / level.gap_scale,
@@ -104,9 +119,10 @@ def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
 
 
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
-    """Move pressures that are within rounding of a bound onto it; return True if there were any.
-    If points on the bounds carry all of the load, those of the others are rounding of a sum
-    only."""
+    """Move pressures that are within rounding of a bound onto it; return True if there
+    were any. If points on the bounds carry all of the load, those of the others are
+    rounding of a sum only.
+    """
     rounding = 8 * p.size * np.finfo(np.float64).eps
     (moved,) = level.workers.total(move_to_bounds, *level.split(p), level.cap, rounding)
     return bool(moved)
@@ -114,7 +130,9 @@ def put_on_bounds(level: Level, p: FloatArray) -> bool:
 
 @compiled
 def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
-    """Move pressures within `rounding` of a bound onto it, in place; return their number."""
+    """Move pressures within `rounding` of a bound onto it, in place; return their
+    number.
+    """
     moved = 0
     for i in range(p.size):
         if 0.0 < p[i] < rounding:
@@ -127,9 +145,12 @@ def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
 
 
 @compiled
-def violations(p: Any, u: Any, h: Any, z: float, cap: float) -> tuple[float, float, float, float]:
-    """The largest |g| where 0 < p < cap, g of the wrong sign elsewhere and p beyond its bounds, and
-    the sum of p."""
+def violations(
+    p: Any, u: Any, h: Any, z: float, cap: float
+) -> tuple[float, float, float, float]:
+    """The largest |g| where 0 < p < cap, g of the wrong sign elsewhere and p beyond its
+    bounds, and the sum of p.
+    """
     elastic = sign = bounds = force = 0.0
     for i in range(p.size):
         g = u[i] + (z - h[i])
@@ -146,8 +167,9 @@ def violations(p: Any, u: Any, h: Any, z: float, cap: float) -> tuple[float, flo
 
 @compiled
 def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
-    """The sum of h - u over the points with 0 < p < cap and their number, and the sums of p and
-    of p (u/2 - h) over all points."""
+    """The sum of h - u over the points with 0 < p < cap and their number, and the sums
+    of p and of p (u/2 - h) over all points.
+    """
     total = force = energy = 0.0
     number = 0
     for i in range(p.size):

@@ -1,18 +1,20 @@
-"""Semi-smooth Newton method on the sets apart, elastic, plastic, with feasible iterates.
+"""Semi-smooth Newton method on the sets apart, elastic, plastic, with feasible
+iterates.
 
 One outer step, from a pressure p that keeps its bounds and its mean:
 
-1. solve (S p)_F + z = h_F with the mean of p kept, where the elastic set F holds the points between
-   their bounds and those on a bound where the gap has the wrong sign; this is done by conjugate
-   gradients in the space of zero mean, preconditioned cell by cell, and no more accurately than
-   the present sets deserve;
-2. move the result into the bounds, restore the force of each cell and the mean, and find the
-   displacement of all points.
+1. solve (S p)_F + z = h_F with the mean of p kept, where the elastic set F holds the
+   points between their bounds and those on a bound where the gap has the wrong sign;
+   this is done by conjugate gradients in the space of zero mean, preconditioned cell by
+   cell, and no more accurately than the present sets deserve;
+2. move the result into the bounds, restore the force of each cell and the mean, and
+   find the displacement of all points.
 
-So a step costs one pair of transforms, and a cheap one for each inner iteration.  The full step is
-taken if it lowers the energy 1/2 <p, S p> - <p, h>; otherwise it is cut at the minimum of the
-energy along it, and projected gradient steps follow.  The energy of the iterates never
-rises, which rules out the cycles of the plain method with a capped pressure.
+So a step costs one pair of transforms, and a cheap one for each inner iteration.  The
+full step is taken if it lowers the energy 1/2 <p, S p> - <p, h>; otherwise it is cut at
+the minimum of the energy along it, and projected gradient steps follow.  The energy of
+the iterates never rises, which rules out the cycles of the plain method with a capped
+pressure.
 """
 
 from __future__ import annotations
@@ -27,43 +29,56 @@ from epcontact.bem.bounds import gradient_step, put
 from epcontact.bem.inner.cells import Cells
 from epcontact.bem.inner.cg import InnerOperators, conjugate_gradients
 from epcontact.bem.inner.split import MaskedGrid
-from epcontact.bem.level import Iterate, Level, StateArray, first_iterate, measured, states
+from epcontact.bem.level import (
+    Iterate,
+    Level,
+    StateArray,
+    first_iterate,
+    measured,
+    states,
+)
 from epcontact.bem.problem import Options
 from epcontact.bem.transforms import Points
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 _MAX_STEPS = 500  # default limit on the Newton steps
-# Most gradient steps after a Newton step that was cut: none after the first cut, one after the
-# second, then four.  With one at most, one of 561 hard scenes did not converge.
+# Most gradient steps after a Newton step that was cut: none after the first cut, one
+# after the second, then four.  With one at most, one of 561 hard scenes did not
+# converge.
 _GRADIENT_STEPS = 4
-# The areas count as settled only if fewer points changed sets in the last step than this times
-# `area_tolerance` times the contact.  A step leaves at most a fifth of the changes of the one
-# before, so the changes still to come are then within the tolerance.
+# The areas count as settled only if fewer points changed sets in the last step than
+# this times `area_tolerance` times the contact.  A step leaves at most a fifth of the
+# changes of the one before, so the changes still to come are then within the tolerance.
 _CHANGES_PER_ERROR = 5
-# Nor before the residual has fallen to this share of the first one: 24 of 81 scenes of 8 to 64
-# points a wavelength would stop with areas up to 3 % off.
+# Nor before the residual has fallen to this share of the first one: 24 of 81 scenes of
+# 8 to 64 points a wavelength would stop with areas up to 3 % off.
 _CALM = 0.2
-# Nor unless the tolerance is worth at least one point of the smallest area, or the residual is
-# below this value, at which no point changes sets any more (largest error of 312 scenes: 4e-6).
+# Nor unless the tolerance is worth at least one point of the smallest area, or the
+# residual is below this value, at which no point changes sets any more (largest error
+# of 312 scenes: 4e-6).
 _UNSEEN = 1e-5
-# Differences of the energy below this share of (points x mean pressure x gap scale) are rounding.
-# Without this limit full steps near the end were cut, and 53 scenes took 17 % more pairs.
+# Differences of the energy below this share of (points x mean pressure x gap scale) are
+# rounding. Without this limit full steps near the end were cut, and 53 scenes took 17 %
+# more pairs.
 _ENERGY_NOISE = 1e-12
-# Along a step the energy is a parabola: the full step lowers it if the minimum is beyond a half.
+# Along a step the energy is a parabola: the full step lowers it if the minimum is
+# beyond a half.
 _FULL_STEP = 0.5
-# A gradient step is added where the residual has not halved within this number of steps, as on
-# nearly rigid bodies, whose points are almost all on a bound: Newton steps exchange them by way of
-# a few elastic points, a gradient step all at once.
+# A gradient step is added where the residual has not halved within this number of
+# steps, as on nearly rigid bodies, whose points are almost all on a bound: Newton steps
+# exchange them by way of a few elastic points, a gradient step all at once.
 _SLOW = 4
-# The inner iterations reduce the 2-norm of the residual by the first factor, and, with the exact
-# operator once no point changes sets, by the second one.
+# The inner iterations reduce the 2-norm of the residual by the first factor, and, with
+# the exact operator once no point changes sets, by the second one.
 _REDUCTION, _LAST_REDUCTION = 0.1, 1e-3
 
 
 @dataclass(frozen=True)
 class _Sets:
-    """Numbers of points by set, and the worst violation of the conditions on the gap in m."""
+    """Numbers of points by set, and the worst violation of the conditions on the gap in
+    m.
+    """
 
     changed: int
     elastic: int
@@ -74,9 +89,10 @@ class _Sets:
     elastic_by_block: list[int]
 
     def settled(self, aim: float, history: list[float]) -> bool:
-        """True if the areas change by no more than `aim` after a full step.  They do not count
-        while the residual is near the first one: with many points a wavelength, fronts move by less
-        than a point while forces are out of balance."""
+        """True if the areas change by no more than `aim` after a full step.  They do
+        not count while the residual is near the first one: with many points a
+        wavelength, fronts move by less than a point while forces are out of balance.
+        """
         contact = self.elastic + self.plastic
         least = min((n for n in (self.elastic, self.plastic) if n), default=0)
         changes = (
@@ -85,7 +101,10 @@ class _Sets:
             (self.entering + self.unloading) / max(self.elastic, 1),
         )
         few_changes = self.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
-        seen, calm = aim * least >= 1 or history[-1] <= _UNSEEN, history[-1] <= _CALM * history[0]
+        seen, calm = (
+            aim * least >= 1 or history[-1] <= _UNSEEN,
+            history[-1] <= _CALM * history[0],
+        )
         return few_changes and seen and calm and max(changes) <= aim
 
 
@@ -116,7 +135,10 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
             gradient = min(4 ** (trouble - 2), _GRADIENT_STEPS) if trouble > 1 else 0
         else:
             trouble = max(0, trouble - 1)
-            slow = len(it.history) > _SLOW and it.history[-1] > 0.5 * it.history[-1 - _SLOW]
+            slow = (
+                len(it.history) > _SLOW
+                and it.history[-1] > 0.5 * it.history[-1 - _SLOW]
+            )
             gradient = int(slow and not trouble)
         length = level.step
         for _ in range(gradient):
@@ -139,7 +161,9 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _best_share(level: Level, it: Iterate, step: _Step, energy: float) -> float:
-    """The share of the step at which the energy (after it) is least; 1 if rounding hides it."""
+    """The share of the step at which the energy (after it) is least; 1 if rounding
+    hides it.
+    """
     moved = it.p.reshape(-1)[step.points.index] - step.before
     slope = float(np.sum(np.multiply(moved, step.gap, out=moved)))
     curvature = 2 * (energy - step.energy - slope)
@@ -174,10 +198,14 @@ def _newton_step(
     points = Points(np.empty(ends[-1], dtype=integers), parts)
     pressure, r = np.empty(ends[-1]), np.empty(ends[-1])  # and residual h - u - z
     lists = points.split(points.index, pressure, r)
-    fields, first = level.split(it.p, it.u, level.heights, state), [a.start for a in level.parts]
+    fields, first = (
+        level.split(it.p, it.u, level.heights, state),
+        [a.start for a in level.parts],
+    )
     level.workers.each(collect, *fields, first, it.z, *lists)
     if r.size < 2:
-        # A single point carries the rest of the load: only a gradient step can change the sets.
+        # A single point carries the rest of the load: only a gradient step can change
+        # the sets.
         gradient_step(level, it, level.step)
         return None
     step = _Step(points, pressure, -r, energy)
@@ -201,9 +229,10 @@ def _newton_step(
 def update_states(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
 ) -> tuple[int, int, int, int, int, float]:
-    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.  The elastic
-    set holds the points between their bounds, and those on a bound where the gap g = u + z - h has
-    the wrong sign."""
+    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.
+    The elastic set holds the points between their bounds, and those on a bound where
+    the gap g = u + z - h has the wrong sign.
+    """
     changed = elastic = plastic = entering = unloading = 0
     worst = 0.0
     for i in range(p.size):
@@ -240,7 +269,9 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
     pressure: Any,
     residual: Any,
 ) -> None:
-    """List index, pressure and h - u - z of the elastic points in a block from `first` on."""
+    """List index, pressure and h - u - z of the elastic points in a block from `first`
+    on.
+    """
     k = 0
     for i in range(p.size):
         if state[i] == 1:

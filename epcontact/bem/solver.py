@@ -1,10 +1,11 @@
 """Solve a grid problem, from coarse grids to the finest one.
 
-Each grid starts from the solution on a grid of half as many points in each direction.  Coarse
-heights are the fine ones without the modes that the coarse grid cannot hold.  The coarse solution
-is passed on as p - c g, interpolated by cubics.  It is positive in contact, negative outside it and
-above the cap where the pressure is capped.  It crosses these bounds at the fronts, so the fine grid
-starts with fronts that are right to a fraction of a coarse cell.
+Each grid starts from the solution on a grid of half as many points in each direction.
+Coarse heights are the fine ones without the modes that the coarse grid cannot hold.
+The coarse solution is passed on as p - c g, interpolated by cubics.  It is positive in
+contact, negative outside it and above the cap where the pressure is capped.  It crosses
+these bounds at the fronts, so the fine grid starts with fronts that are right to a
+fraction of a coarse cell.
 """
 
 from __future__ import annotations
@@ -41,11 +42,12 @@ from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import FloatArray
 from epcontact.scene import array, number, positive
 
-#: A direction of at most this many points is not coarsened further.  Solves of 107 scenes took 6 %
-#: less time than with 32, because the calls of a small grid cost more than its points.
+#: A direction of at most this many points is not coarsened further.  Solves of 107
+#: scenes took 6 % less time than with 32, because the calls of a small grid cost more
+#: than its points.
 COARSEST = 64
-# Tolerances on the coarse grids.  With 1e-4 for the areas, finer grids took as many steps; with
-# 1e-2 they took more where there are many points a wavelength.
+# Tolerances on the coarse grids.  With 1e-4 for the areas, finer grids took as many
+# steps; with 1e-2 they took more where there are many points a wavelength.
 _COARSE_AREAS, _COARSE_RESIDUAL = 1e-3, 1e-4
 
 
@@ -62,8 +64,8 @@ def solve_pressure(
 
     Args:
         heights: (nx, ny) or (nx,), in m.
-        compliance: one value in m/Pa for each mode of `numpy.fft.rfftn(heights)`; mode zero is
-            ignored.
+        compliance: one value in m/Pa for each mode of `numpy.fft.rfftn(heights)`; mode
+            zero is ignored.
         mean_pressure: in Pa.
         hardness: in Pa, may be infinite.
         options: how to solve; None: the defaults.
@@ -77,7 +79,8 @@ def solve_pressure(
         NotConverged: the tolerance was not met within the steps allowed.
 
     Example:
-        Under half of the load that flattens a wave, half of its length is in contact (E* = 1).
+        Under half of the load that flattens a wave, half of its length is in contact
+        (E* = 1).
 
         >>> h = np.cos(2 * np.pi * np.arange(8) / 8)
         >>> q = 2 * np.pi * np.arange(5) / 8
@@ -95,7 +98,9 @@ def solve_pressure(
     symbol = checked_symbol(compliance, h.shape)
     if start is not None:
         start = checked_start(start, h.shape).reshape(symbol.shape)
-    problem = GridProblem(np.ascontiguousarray(h).reshape(symbol.shape), symbol, load, cap)
+    problem = GridProblem(
+        np.ascontiguousarray(h).reshape(symbol.shape), symbol, load, cap
+    )
     solution = solve_problem(problem, options or Options(), start)
     p, u = solution.pressure.reshape(h.shape), solution.displacement.reshape(h.shape)
     return replace(solution, pressure=p, displacement=u)
@@ -114,7 +119,8 @@ def solve_problem(
     with Workers(options.threads) as workers:
         coarse_work: list[float] = []
         if start is not None:
-            # No point can carry more than the whole load, and larger values would cost digits.
+            # No point can carry more than the whole load, and larger values would cost
+            # digits.
             guess = np.clip(start / problem.mean_pressure, -size, min(cap, size))
         elif options.method == "newton":
             guess, coarse_work = _coarse_guess(problem, scale, options, workers)
@@ -156,8 +162,9 @@ def solve_problem(
 def _coarse_guess(
     problem: GridProblem, scale: float, options: Options, workers: Workers
 ) -> tuple[FloatArray, list[float]]:
-    """A start for a grid from the next coarser one, or a uniform one, and the work done for it: the
-    pairs of transforms of each grid times its points."""
+    """A start for a grid from the next coarser one, or a uniform one, and the work done
+    for it: the pairs of transforms of each grid times its points.
+    """
     below = coarser(problem.symbol)
     if below is None:
         return np.ones(problem.symbol.shape), []
@@ -170,14 +177,17 @@ def _coarse_guess(
     level, size = Level(coarse, scale, workers), coarse.heights.size
     p = project(guess, level.cap, float(size), workers, out=guess)
     tolerance = max(_COARSE_RESIDUAL, options.tolerance)
-    it = solve_level(level, p, replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS))
+    it = solve_level(
+        level, p, replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS)
+    )
     w = it.p - level.step * (it.u + it.z - coarse.heights)
     return interpolated(w, problem.symbol.shape, workers), [*work, it.pairs * size]
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:
-    """Halve each direction of more than COARSEST points; None if there is none.  Where points are
-    far apart along one axis, the other is halved alone as long as it can be."""
+    """Halve each direction of more than COARSEST points; None if there is none.  Where
+    points are far apart along one axis, the other is halved alone as long as it can be.
+    """
     (nx, ny), (x_far, y_far) = symbol.shape, symbol.far()
     mx, my = (_half(n) if n > COARSEST else n for n in symbol.shape)
     near = nx if x_far else mx, ny if y_far else my
@@ -186,16 +196,21 @@ def coarser(symbol: Symbol) -> tuple[int, int] | None:
 
 
 def _half(number: int) -> int:
-    """Half as many points, or a few more, so that large grids transform fast on all levels."""
+    """Half as many points, or a few more, so that large grids transform fast on all
+    levels.
+    """
     half = (number + 1) // 2
     if half < 64 or number % 4 == 0:
         return half
     return 16 * int(ducc0.fft.good_size(-(-half // 16), True))
 
 
-def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Workers) -> FloatArray:
-    """Heights on a coarser grid of the same periods, without the modes it cannot hold.  The
-    unpaired mode of an even number of points is left out, too."""
+def coarsened_heights(
+    heights: FloatArray, shape: tuple[int, int], workers: Workers
+) -> FloatArray:
+    """Heights on a coarser grid of the same periods, without the modes it cannot hold.
+    The unpaired mode of an even number of points is left out, too.
+    """
     (nx, ny), (mx, my) = heights.shape, shape
     kept_rows = (mx + 1) // 2 if mx < nx else mx
     kept_columns = (my + 1) // 2 if my < ny else my // 2 + 1
@@ -220,19 +235,32 @@ def coarsened_heights(heights: FloatArray, shape: tuple[int, int], workers: Work
     return out
 
 
-def interpolated(coarse: FloatArray, shape: tuple[int, ...], workers: Workers) -> FloatArray:
-    """Interpolate a periodic field to a finer grid, by cubics through four points a direction."""
+def interpolated(
+    coarse: FloatArray, shape: tuple[int, ...], workers: Workers
+) -> FloatArray:
+    """Interpolate a periodic field to a finer grid, by cubics through four points a
+    direction.
+    """
     index, weights = _neighbours(coarse.shape[0], shape[0])
     columns, column_weights = _neighbours(coarse.shape[1], shape[1])
     out = np.empty(shape)
     rows = ranges(shape[0], max(1, 65536 // shape[1]))
-    workers.each(interpolate, coarse, split(index, rows), split(weights, rows),
-                 columns, column_weights, split(out, rows))  # fmt: skip
+    workers.each(
+        interpolate,
+        coarse,
+        split(index, rows),
+        split(weights, rows),
+        columns,
+        column_weights,
+        split(out, rows),
+    )
     return out
 
 
 def _neighbours(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
-    """Four coarse neighbours of each fine point, periodically, and their cubic weights."""
+    """Four coarse neighbours of each fine point, periodically, and their cubic
+    weights.
+    """
     position = np.arange(fine) * (coarse / fine)
     left = np.floor(position).astype(np.int64)
     t = position - left
@@ -248,12 +276,22 @@ def _neighbours(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
 
 @compiled
 def interpolate(
-    coarse: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any
+    coarse: Any,
+    rows: Any,
+    row_weights: Any,
+    columns: Any,
+    column_weights: Any,
+    out: Any,
 ) -> None:
     """out[i, j] = the weighted sum of the 4 x 4 coarse neighbours."""
     line = np.empty(coarse.shape[1])
     for i in range(out.shape[0]):
-        a, b, c, d = coarse[rows[i, 0]], coarse[rows[i, 1]], coarse[rows[i, 2]], coarse[rows[i, 3]]
+        a, b, c, d = (
+            coarse[rows[i, 0]],
+            coarse[rows[i, 1]],
+            coarse[rows[i, 2]],
+            coarse[rows[i, 3]],
+        )
         w = row_weights[i]
         for j in range(line.size):
             line[j] = w[0] * a[j] + w[1] * b[j] + w[2] * c[j] + w[3] * d[j]

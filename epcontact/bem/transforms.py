@@ -1,12 +1,15 @@
-"""Convolutions of a grid with a surface compliance, or with its inverse, by blocks of rows.
+"""Convolutions of a grid with a surface compliance, or with its inverse, by blocks of
+rows.
 
-One application transforms the rows; then, for each block of columns while it is in cache, it
-transforms the columns, multiplies by the symbol and transforms them back; then the rows.  If a
-convolution is from listed points (the elastic set) to these points, each thread makes and reads the
-rows in a small buffer.  A grid that is in cache as a whole is transformed in one call.
+One application transforms the rows; then, for each block of columns while it is in
+cache, it transforms the columns, multiplies by the symbol and transforms them back;
+then the rows.  If a convolution is from listed points (the elastic set) to these
+points, each thread makes and reads the rows in a small buffer.  A grid that is in cache
+as a whole is transformed in one call.
 
-Each transform handles a fixed block on one thread: the library's own threads would group lines by
-the number of threads, and the last digits of a result would depend on it.
+Each transform handles a fixed block on one thread: the library's own threads would
+group lines by the number of threads, and the last digits of a result would depend on
+it.
 """
 
 from __future__ import annotations
@@ -29,16 +32,17 @@ RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 ComplexArray = NDArray[np.complexfloating]
 Axes = tuple[int, ...]  # of a transform of each row, or of rows and columns
 ROWS, BOTH = (1,), (0, 1)
-#: Points of a block of rows or columns: 4 MiB of reals are near a core, and a pass over them takes
-#: ten times as long as a request to a thread.
+#: Points of a block of rows or columns: 4 MiB of reals are near a core, and a pass over
+#: them takes ten times as long as a request to a thread.
 BLOCK_POINTS = 524288
-#: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes a sixth of a
-#: solve, on larger grids little, and memory.
+#: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes
+#: a sixth of a solve, on larger grids little, and memory.
 KEPT_POINTS = 1 << 20
-# Points are far apart if the shortest wave along their axis is this much more compliant than the
-# other's.
+# Points are far apart if the shortest wave along their axis is this much more compliant
+# than the other's.
 _OBLONG = 2.0
-# Columns beside those of a buffer: rows a power of two apart would share a part of the cache.
+# Columns beside those of a buffer: rows a power of two apart would share a part of the
+# cache.
 _PAD = 16
 # Fields of cells are small: smaller blocks leave work for every thread.
 _FILTER_POINTS = 65536
@@ -52,10 +56,22 @@ def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
         modes[...] = ducc0.fft.r2c(values, axes=axes, nthreads=1)[:, : modes.shape[1]]
 
 
-def to_values(modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS) -> None:
-    """Transform each row of `modes` back into `values`; inorm 2 divides by the number of points."""
-    ducc0.fft.c2r(modes, axes=axes, lastsize=values.shape[1], forward=False, inorm=inorm,
-                  out=values, nthreads=1, allow_overwriting_input=True)  # fmt: skip
+def to_values(
+    modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS
+) -> None:
+    """Transform each row of `modes` back into `values`; inorm 2 divides by the number
+    of points.
+    """
+    ducc0.fft.c2r(
+        modes,
+        axes=axes,
+        lastsize=values.shape[1],
+        forward=False,
+        inorm=inorm,
+        out=values,
+        nthreads=1,
+        allow_overwriting_input=True,
+    )
 
 
 def through_columns(
@@ -65,8 +81,9 @@ def through_columns(
     change: Callable[[ComplexArray, slice], ComplexArray],
     inorm: int = 0,
 ) -> None:
-    """Transform the columns of `modes`, `step` at a time, and transform back what `change` returns.
-    It is called with the block and its columns."""
+    """Transform the columns of `modes`, `step` at a time, and transform back what
+    `change` returns. It is called with the block and its columns.
+    """
 
     def through(columns: slice) -> None:
         block = modes[:, columns]
@@ -74,19 +91,30 @@ def through_columns(
             ducc0.fft.c2c(block, axes=(0,), forward=True, out=block, nthreads=1)
         block = change(block, columns)
         if block.shape[0] > 1:
-            ducc0.fft.c2c(block, axes=(0,), forward=False, inorm=inorm, out=block, nthreads=1)
+            ducc0.fft.c2c(
+                block, axes=(0,), forward=False, inorm=inorm, out=block, nthreads=1
+            )
 
     workers.each(through, ranges(modes.shape[1], step))
 
 
 def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
-    """`values` (mx, my) with each mode of its real transform times `modes` (mx, my // 2 + 1)."""
+    """`values` (mx, my) with each mode of its real transform times `modes` (mx, my // 2
+    + 1).
+    """
     mx, my = values.shape
     if values.size <= _FILTER_POINTS:
         small = ducc0.fft.r2c(values, axes=BOTH, nthreads=1)
         small *= modes
-        found: FloatArray = ducc0.fft.c2r(small, axes=BOTH, lastsize=my, forward=False, inorm=2,
-                                          nthreads=1, allow_overwriting_input=True)  # fmt: skip
+        found: FloatArray = ducc0.fft.c2r(
+            small,
+            axes=BOTH,
+            lastsize=my,
+            forward=False,
+            inorm=2,
+            nthreads=1,
+            allow_overwriting_input=True,
+        )
         return found
     rows = ranges(mx, max(1, _FILTER_POINTS // my))
     spectrum = np.empty(modes.shape, dtype=np.complex128)
@@ -104,7 +132,9 @@ def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class Symbol:
-    """A compliance per mode: mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j], in m/Pa."""
+    """A compliance per mode: mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j],
+    in m/Pa.
+    """
 
     values: FloatArray
     rows: IntArray
@@ -112,10 +142,13 @@ class Symbol:
     _known: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
-        """function(self, *arguments), up to KEPT_POINTS computed at the first call only.  So it
-        serves all loads of a path, and all surfaces of an ensemble."""
+        """function(self, *arguments), up to KEPT_POINTS computed at the first call
+        only.  So it serves all loads of a path, and all surfaces of an ensemble.
+        """
         key = function, *arguments
-        found: T = self._known[key] if key in self._known else function(self, *arguments)
+        found: T = (
+            self._known[key] if key in self._known else function(self, *arguments)
+        )
         if self.shape[0] * self.shape[1] <= KEPT_POINTS:
             self._known[key] = found
         return found
@@ -133,17 +166,22 @@ class Symbol:
         return Symbol(values, self.rows[i], shape)
 
     def shortest(self) -> float:
-        """The compliance of the shortest wave along an axis, the larger of the two, in m/Pa."""
+        """The compliance of the shortest wave along an axis, the larger of the two, in
+        m/Pa.
+        """
         return max(self._ends())
 
     def oblong(self) -> float:
-        """The compliance of the shortest wave along the second axis by that along the first.  On
-        the half-space this is the ratio of the spacings, and on a line 0."""
+        """The compliance of the shortest wave along the second axis by that along the
+        first.  On the half-space this is the ratio of the spacings, and on a line 0.
+        """
         across, along = self._ends()
         return along / across if across > 0 else 0.0
 
     def far(self) -> tuple[bool, bool]:
-        """True for each axis along which points are far apart beside those along the other."""
+        """True for each axis along which points are far apart beside those along the
+        other.
+        """
         return self.oblong() < 1 / _OBLONG, self.oblong() > _OBLONG
 
     def _ends(self) -> tuple[float, float]:
@@ -151,9 +189,13 @@ class Symbol:
         across = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
         return float(across), float(self.values[self.rows[0], ny // 2])
 
-    def sampled(self, most: int) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """A quarter of the modes on a raster of at most `most` modes in each direction.  Their
-        values, and each direction's phases per point and weights in a mean of all."""
+    def sampled(
+        self, most: int
+    ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
+        """A quarter of the modes on a raster of at most `most` modes in each direction.
+        Their values, and each direction's phases per point and weights in a mean of
+        all.
+        """
         at, phases, weights = [], [], []
         for n in self.shape:
             count = min(n, most)
@@ -167,7 +209,9 @@ class Symbol:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Flat indices of listed points, ascending, and the part of them in each block of rows."""
+    """Flat indices of listed points, ascending, and the part of them in each block of
+    rows.
+    """
 
     index: IntArray
     parts: list[slice]
@@ -178,7 +222,9 @@ class Points:
 
 
 class Convolution:
-    """Applies a symbol, times `scale`, but 0 in mode zero, or its inverse; counts its `pairs`."""
+    """Applies a symbol, times `scale`, but 0 in mode zero, or its inverse; counts its
+    `pairs`.
+    """
 
     def __init__(
         self,
@@ -194,7 +240,11 @@ class Convolution:
         self.rows = ranges(nx, self.row_step)
         if modes is None:
             modes = np.empty((nx, ny // 2 + 1), np.result_type(dtype, np.complex64))
-        self._dtype, self._modes, self._local = np.dtype(dtype), modes, threading.local()
+        self._dtype, self._modes, self._local = (
+            np.dtype(dtype),
+            modes,
+            threading.local(),
+        )
         self._axes: Axes = BOTH if nx == self.row_step > 1 else ROWS
 
     def in_single_precision(self) -> Convolution:
@@ -218,14 +268,17 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """out = S, or its inverse, of a field that is `values` at the points and 0 elsewhere.
-        Returns sum(out) and sum(out other)."""
+        """out = S, or its inverse, of a field that is `values` at the points and 0
+        elsewhere. Returns sum(out) and sum(out other).
+        """
         index, values_, out_, other_ = points.split(points.index, values, out, other)
         first = [rows.start * self.shape[1] for rows in self.rows]
         modes = split(self._modes, self.rows)
         self.workers.each(self._forward, modes, first, index, values_)
         self._multiply(inverse)
-        total, product = self.workers.total(self._backward, modes, first, index, out_, other_)
+        total, product = self.workers.total(
+            self._backward, modes, first, index, out_, other_
+        )
         return total, product
 
     def _forward(self, modes: ComplexArray, *points: Any) -> None:
@@ -249,15 +302,26 @@ class Convolution:
 
     def _multiply(self, inverse: bool) -> None:
         (nx, ny), symbol = self.shape, self.symbol
-        factor = self._dtype.type((1 / self.scale if inverse else self.scale) / (nx * ny))
+        factor = self._dtype.type(
+            (1 / self.scale if inverse else self.scale) / (nx * ny)
+        )
         reals = self._modes.view(self._dtype)
 
         def change(block: ComplexArray, columns: slice) -> ComplexArray:
             if inverse:
                 values = symbol.values[symbol.rows, columns]
-                block *= np.divide(factor, values, out=np.zeros_like(values), where=values > 0)
+                block *= np.divide(
+                    factor, values, out=np.zeros_like(values), where=values > 0
+                )
             else:
-                multiply(reals, symbol.values, symbol.rows, factor, columns.start, columns.stop)
+                multiply(
+                    reals,
+                    symbol.values,
+                    symbol.rows,
+                    factor,
+                    columns.start,
+                    columns.stop,
+                )
             if columns.start == 0:
                 block[0, 0] = 0.0
             return block
@@ -273,7 +337,9 @@ class Convolution:
 def single_precision(
     symbol: Symbol, scale: float, workers: Workers, modes: ComplexArray | None = None
 ) -> Convolution:
-    """The convolution of a symbol in single precision, the symbol brought to order one."""
+    """The convolution of a symbol in single precision, the symbol brought to order
+    one.
+    """
     single, largest = symbol.once(_single)
     return Convolution(single, scale * largest, workers, np.float32, modes)
 
@@ -285,7 +351,9 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 
 
 @compiled
-def multiply(modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int) -> None:
+def multiply(
+    modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int
+) -> None:
     """modes[i] *= factor symbol[rows[i]] in a range of columns of complex numbers."""
     for i in range(modes.shape[0]):
         row = rows[i]
@@ -309,7 +377,9 @@ def scatter(block: Any, first: int, index: Any, values: Any) -> None:
 
 
 @compiled
-def gather_dot(block: Any, first: int, index: Any, out: Any, other: Any) -> tuple[float, float]:
+def gather_dot(
+    block: Any, first: int, index: Any, out: Any, other: Any
+) -> tuple[float, float]:
     """out = block[index - first]; returns sum(out) and sum(out other)."""
     total = product = 0.0
     columns, row, begin, end = block.shape[1], 0, 0, 0

@@ -1,8 +1,9 @@
 """Compiled passes over a grid, run block by block on a few threads.
 
-A pass is a compiled function that works on one block of its arrays and releases the interpreter's
-lock.  `Workers` calls it for every block of a fixed partition and adds up what the calls return in
-the order of the blocks, so a result has the same bits on any number of threads.
+A pass is a compiled function that works on one block of its arrays and releases the
+interpreter's lock.  `Workers` calls it for every block of a fixed partition and adds up
+what the calls return in the order of the blocks, so a result has the same bits on any
+number of threads.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ provide_kernel_cache()  # before the first kernel is defined
 
 T = TypeVar("T")
 
-#: Sums may be reordered so that they vectorise; infinities (an infinite hardness, a division by
-#: zero) keep their meaning.  No C code calls a pass, which saves a wrapper.
+#: Sums may be reordered so that they vectorise; infinities (an infinite hardness, a
+#: division by zero) keep their meaning.  No C code calls a pass, which saves a wrapper.
 OPTIONS: dict[str, Any] = {
     "nogil": True,
     "cache": True,
@@ -46,9 +47,10 @@ def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
 
 
 class Workers:
-    """The threads that share the blocks of one solve, to be used as a context manager.  A list
-    among the arguments of `each` and `total` has one item for each block; any other argument is
-    passed to every call."""
+    """The threads that share the blocks of one solve, to be used as a context manager.
+    A list among the arguments of `each` and `total` has one item for each block; any
+    other argument is passed to every call.
+    """
 
     def __init__(self, threads: int = 1) -> None:
         self._helpers = threads - 1
@@ -71,7 +73,9 @@ class Workers:
             return list(map(task, *columns))
         # This thread works, too, and each of the others takes blocks for one request.
         helpers = min(self._helpers, blocks - 1)
-        waiting = deque([*enumerate(zip(*columns, strict=False)), *repeat(None, helpers + 1)])
+        waiting = deque(
+            [*enumerate(zip(*columns, strict=False)), *repeat(None, helpers + 1)]
+        )
         found: dict[int, T] = {}
 
         def work() -> None:
@@ -87,7 +91,9 @@ class Workers:
             request.result()
         return [found[number] for number in range(blocks)]
 
-    def total(self, task: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
+    def total(
+        self, task: Callable[..., tuple[Any, ...]], *arguments: Any
+    ) -> tuple[Any, ...]:
         """The sum over the blocks of each number that `task` returns."""
         found = self.each(task, *arguments)
         if len(found) == 1:

@@ -18,7 +18,13 @@ from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import write_text
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
-from epcontact.harness.case_files.case import Case, CaseText, find_case, find_named, load_case
+from epcontact.harness.case_files.case import (
+    Case,
+    CaseText,
+    find_case,
+    find_named,
+    load_case,
+)
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict import verification as verifying
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
@@ -39,9 +45,16 @@ from epcontact.surfaces import HeightsFromFile, Mirrored
 @options.size
 @options.of_run("jobs", "output", "fresh", "precision")
 @options.fields
-@click.option("--charts", is_flag=True, help="Draw charts, which take as long as a large solve.")
+@click.option(
+    "--charts", is_flag=True, help="Draw charts, which take as long as a large solve."
+)
 def run(
-    case: str, methods: tuple[str, ...], size: str, run: Run, fields: str | None, charts: bool
+    case: str,
+    methods: tuple[str, ...],
+    size: str,
+    run: Run,
+    fields: str | None,
+    charts: bool,
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
     loaded = _load(find_case(case), size)
@@ -52,17 +65,25 @@ def run(
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    run = replace(run, fields="steps" if fields == "film" else fields or "first", rows=True)
+    run = replace(
+        run, fields="steps" if fields == "film" else fields or "first", rows=True
+    )
     with options.shown_progress(run) as shown, verifying.signed_again(run.folder):
         answers = run_cases([chosen], shown)[loaded.id]
     console = open_console()
     console.print(tables.answers_table(answers, console.width))
     tables.print_surface_notes(console, chosen, answers)
     theory = answers["persson"].results[:1] if {"persson"} < answers.keys() else ()
-    told = (tables.gamma_sentence(chosen), *(r.notes[-1] for r in theory), chosen.told_hardness)
+    told = (
+        tables.gamma_sentence(chosen),
+        *(r.notes[-1] for r in theory),
+        chosen.told_hardness,
+    )
     for sentence in filter(None, told):
         tables.print_hanging(console, str(sentence))
-    if errors := [sentence for answer in answers.values() for sentence in answer.errors]:
+    if errors := [
+        sentence for answer in answers.values() for sentence in answer.errors
+    ]:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
         _draw(chosen, answers, run.folder)
@@ -83,8 +104,12 @@ def run(
     "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a command in any "
     "language with the placeholders {scene} and {result}.",
 )
-@click.option("--report", "with_report", is_flag=True, help="Write charts and report.html too.")
-@click.option("--gates", "all_gates", is_flag=True, help="Print each gate of each case.")
+@click.option(
+    "--report", "with_report", is_flag=True, help="Write charts and report.html too."
+)
+@click.option(
+    "--gates", "all_gates", is_flag=True, help="Print each gate of each case."
+)
 @options.fields
 def verify(
     cases: tuple[str, ...],
@@ -97,11 +122,12 @@ def verify(
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
-    Prints a line for each case with its tightest gate: the margin is the band over the difference
-    with its interval, and 1 or more holds.  Of a case that does not hold, every gate follows.
+    Prints a line for each case with its tightest gate: the margin is the band over the
+    difference with its interval, and 1 or more holds.  Of a case that does not hold,
+    every gate follows.
 
-    Writes verdict.json and junit.xml into the output folder.  Until then, those of the last run are
-    there as earlier-verdict.json and earlier-junit.xml.
+    Writes verdict.json and junit.xml into the output folder.  Until then, those of the
+    last run are there as earlier-verdict.json and earlier-junit.xml.
 
     \b
     A command reads the scene from one text file and writes its result to the other:
@@ -115,7 +141,9 @@ def verify(
         with verifying.only_writer(output):
             verifying.set_verdict_aside(output)
         named = [case for name in cases for case in find_named(name)]
-        given = [_load(case, size) for case in named or verifying.cases_to_verify("fast")]
+        given = [
+            _load(case, size) for case in named or verifying.cases_to_verify("fast")
+        ]
     run = replace(run, fields="steps" if fields == "film" else fields)
 
     def draw(verdict: Verdict) -> None:
@@ -126,13 +154,19 @@ def verify(
             from epcontact.output.report import report_folder  # with jinja2
 
             answered = [case for case in verdict.cases if not case.skipped_because]
-            notes = [s for case in answered for s in _draw(case.case, case.answers, output)]
-            report_folder(output, verdict.content, overview=overview(verdict), notes=notes)
+            notes = [
+                s for case in answered for s in _draw(case.case, case.answers, output)
+            ]
+            report_folder(
+                output, verdict.content, overview=overview(verdict), notes=notes
+            )
 
     judged: list[CaseVerdict] = []
 
     def live(lines: int, width: int) -> Table:  # those that do not hold stay in sight
-        return tables.cases_table(sorted(judged, key=lambda c: c.status != "holds")[-lines:], width)
+        return tables.cases_table(
+            sorted(judged, key=lambda c: c.status != "holds")[-lines:], width
+        )
 
     with options.shown_progress(run, live) as shown:
         verdict = verifying.verify(
@@ -140,7 +174,10 @@ def verify(
         )
     try:
         _show(verdict, output, all_gates, with_report)
-    except (BrokenPipeError, SystemExit):  # nobody reads on; the verdict is the exit code
+    except (
+        BrokenPipeError,
+        SystemExit,
+    ):  # nobody reads on; the verdict is the exit code
         forget_output()
     sys.exit(verdict.exit_code)
 
@@ -149,7 +186,9 @@ _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 
 
 def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) -> None:
-    """Print the verdict: cases, gates, what does not hold, what was not judged, what to do next."""
+    """Print the verdict: cases, gates, what does not hold, what was not judged, what to
+    do next.
+    """
     console = open_console()
     shown = [c for c in verdict.cases if all_gates or (c.gates and c.status != "holds")]
     if not all_gates:
@@ -160,23 +199,33 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
             tables.print_surface_notes(console, case.case, case.answers)
-        if alone and case.case.lists_loads and any(a.results for a in case.answers.values()):
+        if (
+            alone
+            and case.case.lists_loads
+            and any(a.results for a in case.answers.values())
+        ):
             console.print(f"\nloads of {case.id}")
             console.print(tables.answers_table(case.answers, console.width))
         if told := case.case.told_hardness:
             tables.print_hanging(console, f"{case.id}: {told}")
         tables.print_shortfalls(console, case)
     counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
-    summary = ", ".join(f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n)
+    summary = ", ".join(
+        f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n
+    )
     cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
     tables.print_hanging(console, references(verdict))
-    tables.print_hanging(console, f"{cases}: {summary}; verdict in {output / 'verdict.json'}")
+    tables.print_hanging(
+        console, f"{cases}: {summary}; verdict in {output / 'verdict.json'}"
+    )
     if left_out := sum(len(case.not_judged) for case in verdict.cases):
         told = f"{left_out} {'gates are' if left_out > 1 else 'gate is'} left out at this size"
         tables.print_hanging(console, f"{told}; verdict.json says which and why")
     steps = [] if all_gates else ["--gates prints each gate"]
     if not with_report:
-        steps.append(f"`epcontact report {shlex.quote(str(output))}` draws charts and a page")
+        steps.append(
+            f"`epcontact report {shlex.quote(str(output))}` draws charts and a page"
+        )
     if not verdict.passed:
         steps.append("the same command solves again only what has changed")
     if steps:
@@ -186,7 +235,9 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
 
 def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
     """Draw the pictures of a case; tell and return why some could not be drawn."""
-    from epcontact.harness.answers.pictures import write_pictures  # charts take long to load
+    from epcontact.harness.answers.pictures import (
+        write_pictures,
+    )  # charts take long to load
 
     sentences = write_pictures(case, answers, case.folder(output))
     for sentence in sentences:
@@ -202,14 +253,18 @@ def _draw_films(case: Case, output: Path) -> None:
             continue
         try:
             animate([collection], target)
-            write_text(target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n")
+            write_text(
+                target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n"
+            )
             click.echo(f"film in {target}")
         except OutputError as error:  # many machines cannot draw; the results are whole
             tell(f"epcontact: {target} is left out: {error}")
 
 
 def _load(text: CaseText, size: str) -> Case:
-    """Load a case at a size; "auto" makes it cheaper by a plan and says so on stderr."""
+    """Load a case at a size; "auto" makes it cheaper by a plan and says so on
+    stderr.
+    """
     if size != "auto":
         return load_case(text, size)
     from epcontact.planning import load_auto  # no other size needs a plan

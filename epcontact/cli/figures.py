@@ -18,12 +18,18 @@ _file = click.Path(path_type=Path, dir_okay=False)
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
-@click.option("--output", type=_file, help="Page to write; else report.html in the folder.")
+@click.option(
+    "--output", type=_file, help="Page to write; else report.html in the folder."
+)
 def report(folder: Path, output: Path | None) -> None:
-    """Make one self-contained page of a verification run, with pictures, from its output FOLDER."""
+    """Make one self-contained page of a verification run, with pictures, from its
+    output FOLDER.
+    """
     verdict = Verdict.read(folder / "verdict.json")
     told = overview(verdict)
-    page = report_folder(folder, verdict.content, output, draw=draw_answers, overview=told)
+    page = report_folder(
+        folder, verdict.content, output, draw=draw_answers, overview=told
+    )
     click.echo(f"report in {page}")
 
 
@@ -47,7 +53,9 @@ def report(folder: Path, output: Path | None) -> None:
     type=_file,
     help="Draw the load steps of a .pvd as a film: .gif, or .mp4 with imageio-ffmpeg.",
 )
-@click.option("--factor", type=float, default=None, help="Stretch the deformation by this.")
+@click.option(
+    "--factor", type=float, default=None, help="Stretch the deformation by this."
+)
 def view(
     result: Path,
     screenshot: Path | None,
@@ -56,7 +64,9 @@ def view(
     film: Path | None,
     factor: float | None,
 ) -> None:
-    """Show the fields of a result in three dimensions: .vti, .vtu, .pvd, or a method's .json."""
+    """Show the fields of a result in three dimensions: .vti, .vtu, .pvd, or a method's
+    .json.
+    """
     if against is not None and screenshot is None:
         raise click.UsageError("--against draws to a file; give --screenshot too")
     if contact_map is not None:

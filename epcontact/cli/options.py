@@ -32,7 +32,9 @@ size = click.option(
     show_default=True,
     help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
 )
-own_size = click.option("--size", type=click.Choice(SIZES), default="fast", show_default=True)
+own_size = click.option(
+    "--size", type=click.Choice(SIZES), default="fast", show_default=True
+)
 folder = functools.partial(
     click.option, "--output", type=click.Path(path_type=Path), show_default=True
 )
@@ -50,7 +52,9 @@ _OF_RUN = {
         default=Path("results"),
         help="Folder for results; existing results of the same scene and sources are reused.",
     ),
-    "fresh": click.option("--fresh", is_flag=True, help="Solve again even if a result exists."),
+    "fresh": click.option(
+        "--fresh", is_flag=True, help="Solve again even if a result exists."
+    ),
     "executor": click.option(
         "--executor",
         default="",
@@ -80,7 +84,9 @@ fields = click.option(
 
 
 def of_run(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of these names, and hand them to it as one `Run`, its `run`."""
+    """Give a command the options of these names, and hand them to it as one `Run`, its
+    `run`.
+    """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
@@ -114,15 +120,28 @@ class _Bar(Progress):
 def shown_progress(
     run: Run, above: Callable[[int, int], RenderableType] | None = None
 ) -> Iterator[Run]:
-    """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a solve."""
+    """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a
+    solve.
+    """
     console = Console(stderr=True)
     terminal = console.is_terminal
-    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    # The time left is estimated from all solves of a day, which may take longer than rich's 30 s.
+    columns = (
+        "{task.description}",
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    # The time left is estimated from all solves of a day, which may take longer than
+    # rich's 30 s.
     bar = _Bar(
-        *columns, "left", TimeRemainingColumn(), console=console, transient=True,
-        disable=not terminal, speed_estimate_period=86400,
-    )  # fmt: skip
+        *columns,
+        "left",
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not terminal,
+        speed_estimate_period=86400,
+    )
     bar.above = above
     # A disabled bar of an older rich ends with an empty line.
     with bar if terminal else contextlib.nullcontext():
@@ -130,8 +149,9 @@ def shown_progress(
 
         def show(done: float, total: int, words: str) -> None:
             nonlocal solved
-            # What is reused says nothing about the time of a solve, and the first solves compile:
-            # the estimate is that of the last half of the solves or more.
+            # What is reused says nothing about the time of a solve, and the first
+            # solves compile: the estimate is that of the last half of the solves or
+            # more.
             solved += bool(words) and not words.endswith("(reused)")
             if words.endswith("(reused)") or (words and not solved & (solved - 1)):
                 bar.reset(row, completed=int(done), total=total, description=words)

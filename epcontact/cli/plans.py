@@ -1,4 +1,6 @@
-"""The commands beyond one run of a case: plan, crosscheck, export, hardness, joint and sweep."""
+"""The commands beyond one run of a case: plan, crosscheck, export, hardness, joint and
+sweep.
+"""
 
 from __future__ import annotations
 
@@ -33,24 +35,42 @@ from epcontact.reference.conductance import joint_conductance
 @click.command()
 @click.argument("case")
 @click.option(
-    "--tolerance", default="1%", show_default=True, help="Relative, at 95 % confidence: 1% or 0.01."
+    "--tolerance",
+    default="1%",
+    show_default=True,
+    help="Relative, at 95 % confidence: 1% or 0.01.",
 )
 @click.option(
-    "--part", "parts", multiple=True, default=["total"], show_default=True,
-    type=click.Choice(["total", "elastic", "plastic"]), help="Of the area; may be given again.",
-)  # fmt: skip
-@click.option(
-    "--size", type=click.Choice(SIZES), default=None, help="Size of the case; else its largest."
+    "--part",
+    "parts",
+    multiple=True,
+    default=["total"],
+    show_default=True,
+    type=click.Choice(["total", "elastic", "plastic"]),
+    help="Of the area; may be given again.",
 )
 @click.option(
-    "--check", is_flag=True, help="Run the plan and a finer grid; exit 1 if the error is larger."
+    "--size",
+    type=click.Choice(SIZES),
+    default=None,
+    help="Size of the case; else its largest.",
+)
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Run the plan and a finer grid; exit 1 if the error is larger.",
 )
 @of_run("executor")
 def plan(
-    case: str, tolerance: str, size: str | None, parts: tuple[str, ...], check: bool, run: Run
+    case: str,
+    tolerance: str,
+    size: str | None,
+    parts: tuple[str, ...],
+    check: bool,
+    run: Run,
 ) -> None:
-    """Find the cheapest model of CASE whose contact area is within a tolerance; print the reasons
-    and the cost.
+    """Find the cheapest model of CASE whose contact area is within a tolerance; print
+    the reasons and the cost.
 
     --executor is for the solves of --check.
     """
@@ -66,7 +86,9 @@ def plan(
     cap = loaded.mapped_hardness
     exact = "the plan takes this hardness as exact; its own uncertainty comes on top"
     edges = any("treatment of the edges" in note for note in chosen.notes)
-    more = "the plan is for the error of the grid; what the edges may change comes on top"
+    more = (
+        "the plan is for the error of the grid; what the edges may change comes on top"
+    )
     told = [*chosen.reasons, *([more] if edges else []), *([cap, exact] if cap else [])]
     for sentence in (*told, *chosen.notes):
         click.echo(f"  {sentence}")
@@ -82,8 +104,12 @@ def plan(
 
 
 def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
-    """Run a plan and the finer grid that judges it; exit with 1 if it breaks its promise."""
-    cheaper = planning.planned_case(case, chosen).changed(methods=(chosen.method,), gates=())
+    """Run a plan and the finer grid that judges it; exit with 1 if it breaks its
+    promise.
+    """
+    cheaper = planning.planned_case(case, chosen).changed(
+        methods=(chosen.method,), gates=()
+    )
     finer = planning.finer_case(case, chosen)
     with TemporaryDirectory() as folder:
         cases = [one for one in (cheaper, finer) if one is not None]
@@ -96,7 +122,9 @@ def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
     figures = f"{chosen.expected_error:.2g} expected, {chosen.tolerance:.2g} allowed"
     kept = f"the promise {'held' if held else 'was broken'}: error {error:.2g} by"
     if finer is not None:
-        said = f"{kept} {' x '.join(map(str, finer.recipes[0].shape))} points, {figures}"
+        said = (
+            f"{kept} {' x '.join(map(str, finer.recipes[0].shape))} points, {figures}"
+        )
     else:
         said = (
             f"the error is {error:.2g} by its own claim, {figures}; nothing checks the claim, "
@@ -121,11 +149,17 @@ def _share(text: str) -> float:
 @click.argument("case")
 @own_size
 @click.option(
-    "--seeds", default=None, metavar="FIRST-LAST", help="Surfaces of these seeds, not the case's."
+    "--seeds",
+    default=None,
+    metavar="FIRST-LAST",
+    help="Surfaces of these seeds, not the case's.",
 )
-@click.option("--steps", type=click.IntRange(1), help="Increments of the J2 body, not the case's.")
+@click.option(
+    "--steps", type=click.IntRange(1), help="Increments of the J2 body, not the case's."
+)
 def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> None:
-    """Split the difference of finite and boundary elements on CASE into grid, depth, model.
+    """Split the difference of finite and boundary elements on CASE into grid, depth,
+    model.
 
     A case that names calculix or tamaas_j2 is also answered by these codes, in a table.
     """
@@ -171,17 +205,25 @@ def export(case: str, file: Path, size: str) -> None:
 @click.option("--young-modulus", type=float, required=True, help="E in Pa.")
 @click.option("--poisson-ratio", type=float, required=True, help="nu.")
 @click.option(
-    "--rms-slope", type=float, required=True, help="Of all roughness, short waves included."
+    "--rms-slope",
+    type=float,
+    required=True,
+    help="Of all roughness, short waves included.",
 )
-@click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
 @click.option(
-    "--breadth", type=float, help="Longest (roll-off) over shortest wavelength; else any."
+    "--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa."
+)
+@click.option(
+    "--breadth",
+    type=float,
+    help="Longest (roll-off) over shortest wavelength; else any.",
 )
 def hardness(**scene: Any) -> None:
-    """Print the pressure cap that stands for a rough J2 metal, from the map of the package.
+    """Print the pressure cap that stands for a rough J2 metal, from the map of the
+    package.
 
-    hardness = "effective" in a case file is the same with the rms slope of the case's surface,
-    which may be a measured map.
+    hardness = "effective" in a case file is the same with the rms slope of the case's
+    surface, which may be a measured map.
     """
     found = effective_hardness(**scene)
     click.echo(str(found))
@@ -190,26 +232,41 @@ def hardness(**scene: Any) -> None:
 
 @click.command()
 @click.option(
-    "--conductivities", type=float, nargs=2, required=True, help="Of both bodies, in W/(m K)."
+    "--conductivities",
+    type=float,
+    nargs=2,
+    required=True,
+    help="Of both bodies, in W/(m K).",
 )
-@click.option("--rms-height", type=float, required=True, help="Of both surfaces together, in m.")
+@click.option(
+    "--rms-height", type=float, required=True, help="Of both surfaces together, in m."
+)
 @click.option(
     "--rms-slope",
     type=float,
     required=True,
     help="Of both together: 1.77 times the mean absolute slope of a profile.",
 )
-@click.option("--hardness", type=float, required=True, help="Of the softer body, in Pa.")
-@click.option("--effective-modulus", type=float, required=True, help="E* of both bodies, in Pa.")
-@click.option("--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa.")
 @click.option(
-    "--breadth", type=float, help="Longest (roll-off) over shortest wavelength; else 2 to 12."
+    "--hardness", type=float, required=True, help="Of the softer body, in Pa."
+)
+@click.option(
+    "--effective-modulus", type=float, required=True, help="E* of both bodies, in Pa."
+)
+@click.option(
+    "--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa."
+)
+@click.option(
+    "--breadth",
+    type=float,
+    help="Longest (roll-off) over shortest wavelength; else 2 to 12.",
 )
 def joint(**given: Any) -> None:
-    """Print what a rough joint conducts, with its interval, and what textbooks say of it.
+    """Print what a rough joint conducts, with its interval, and what textbooks say of
+    it.
 
-    Gaussian, isotropic roughness, vacuum, clean metals and a joint much larger than its longest
-    waves are assumed.  The exact route is a case of this surface with a gate on
+    Gaussian, isotropic roughness, vacuum, clean metals and a joint much larger than its
+    longest waves are assumed.  The exact route is a case of this surface with a gate on
     quantity.conductance.
     """
     click.echo(str(joint_conductance(**given)))
@@ -236,27 +293,41 @@ _ROWS = 40
     metavar="WORDS",
     help="Write them where a point contains this, as the table shows it: 'hardness 3e+09'.",
 )
-@click.option("--charts", is_flag=True, help="Draw the loads of the points, and each field.")
-def sweep(case: str, size: str, run: Run, fields: str, among: str, charts: bool) -> None:
+@click.option(
+    "--charts", is_flag=True, help="Draw the loads of the points, and each field."
+)
+def sweep(
+    case: str, size: str, run: Run, fields: str, among: str, charts: bool
+) -> None:
     """Solve CASE at every point of its table [sweep], on one machine or on a cluster.
 
-    The results are kept in a folder as soon as they are solved: stop the command at any moment, and
-    start it again to go on. `epcontact.harness.sweep.table(FOLDER)` reads them as a pandas table.
+    The results are kept in a folder as soon as they are solved: stop the command at any
+    moment, and start it again to go on. `epcontact.harness.sweep.table(FOLDER)` reads
+    them as a pandas table.
     """
     with shown_progress(replace(run, fields=fields)) as shown:
         swept = run_sweep(case, shown, size=size, among=among)
     console = open_console()
     shown_points = dict(itertools.islice(swept.loads.items(), _ROWS))
-    units = {n.removeprefix("quantity."): QUANTITIES[n].unit.strip("–") for n in swept.quantities}
+    units = {
+        n.removeprefix("quantity."): QUANTITIES[n].unit.strip("–")
+        for n in swept.quantities
+    }
     console.print(loads_table(shown_points, "point", console.width, **units))
     if (left := len(swept.loads) - len(shown_points)) > 0:
         click.echo(f"and {left} more")
     for note, count in swept.notes.items():
         click.echo(f"note of {count} task{'s' * (count > 1)}: {note}")
     if charts:
-        from epcontact.harness.answers.pictures import draw_members  # charts take long to load
+        from epcontact.harness.answers.pictures import (
+            draw_members,
+        )  # charts take long to load
 
-        draw_members(swept.folder, {n: rows for n, (rows, _) in swept.loads.items()}, swept.fields)
+        draw_members(
+            swept.folder,
+            {n: rows for n, (rows, _) in swept.loads.items()},
+            swept.fields,
+        )
     for path, words in swept.fields.items():
         click.echo(f"fields of {words} in {path}")
     tasks = swept.table.loc[swept.table["load"] == 0, "solved"]
@@ -265,8 +336,12 @@ def sweep(case: str, size: str, run: Run, fields: str, among: str, charts: bool)
         f"table in {swept.folder / 'sweep.csv'}, digest {digest(swept.table)[:12]}"
     )
     if swept.failures:
-        reasons = pd.Series(swept.failures).value_counts()  # each once, with its number of tasks
-        told = "; ".join(f"{count} with: {reason}" for reason, count in reasons.head(5).items())
+        reasons = pd.Series(
+            swept.failures
+        ).value_counts()  # each once, with its number of tasks
+        told = "; ".join(
+            f"{count} with: {reason}" for reason, count in reasons.head(5).items()
+        )
         raise EpcontactError(
             f"{len(swept.failures)} tasks failed, which the next run tries again: {told}"
         )

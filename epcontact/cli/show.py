@@ -11,7 +11,12 @@ from rich.console import Console
 
 from epcontact.cli.listing import open_console, print_rows
 from epcontact.cli.options import folder, own_size
-from epcontact.harness.case_files.case import find_case, find_cases, find_named, load_case
+from epcontact.harness.case_files.case import (
+    find_case,
+    find_cases,
+    find_named,
+    load_case,
+)
 from epcontact.harness.case_files.citations import citation
 from epcontact.harness.case_files.mistakes import case_schema, key_table
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -22,7 +27,9 @@ from epcontact.results import plain
 
 @click.command()
 def keys() -> None:
-    """Print every key of a case file, and every quantity of a gate, with unit and meaning."""
+    """Print every key of a case file, and every quantity of a gate, with unit and
+    meaning.
+    """
     quantities = [(one.name, one.unit, one.meaning) for one in QUANTITIES.values()]
     console = open_console()
     print_rows(console, ("table", "key", "default", "meaning"), key_table())
@@ -42,24 +49,35 @@ def schema(kind: str) -> None:
 @click.argument("case")
 @own_size
 def cite(case: str, size: str) -> None:
-    """Print what a case's results rest on: sources, papers by DOI, versions of the software."""
+    """Print what a case's results rest on: sources, papers by DOI, versions of the
+    software.
+    """
     for line in citation(load_case(find_case(case), size)):
         click.echo(line)
 
 
 @click.command()
 @click.argument("cases", nargs=-1)
-@folder(default=Path("results"), help="Folder of the verification whose margins are shown.")
+@folder(
+    default=Path("results"), help="Folder of the verification whose margins are shown."
+)
 def gates(cases: tuple[str, ...], output: Path) -> None:
     """List every gate's band, margin and reason.
 
-    The margin is that of the verdict in the output folder: the band over the difference and its
-    interval.
+    The margin is that of the verdict in the output folder: the band over the difference
+    and its interval.
     """
     margins = _margins(output / "verdict.json")
     named = [text for name in cases for text in find_named(name)]
     rows = [
-        (text.id, size, gate.name, f"{gate.low:g} … {gate.high:g}", margin, gate.because)
+        (
+            text.id,
+            size,
+            gate.name,
+            f"{gate.low:g} … {gate.high:g}",
+            margin,
+            gate.because,
+        )
         for text in named or find_cases()
         for size in text.sizes
         for gate in load_case(text, size).gates

@@ -16,20 +16,28 @@ from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as maps_of_methods
 
-_full = click.option("--full", is_flag=True, help="Minutes instead of seconds, and finer.")
+_full = click.option(
+    "--full", is_flag=True, help="Minutes instead of seconds, and finer."
+)
 
 
 @click.command()
 @click.argument("names", nargs=-1)
 @_full
-@click.option("--peers", is_flag=True, help="Add the comparison with other solvers (extra peers).")
+@click.option(
+    "--peers", is_flag=True, help="Add the comparison with other solvers (extra peers)."
+)
 @folder(default=Path("charts"))
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
-    """Draw charts of accuracy against cost by NAME (none: the list), with data and captions."""
+    """Draw charts of accuracy against cost by NAME (none: the list), with data and
+    captions.
+    """
     wanted = (*names, "peers") if peers else names
     unknown = [name for name in wanted if name not in STUDIES]
     if unknown:
-        raise InvalidCase(f"no chart is called {unknown[0]!r}; there are {', '.join(STUDIES)}")
+        raise InvalidCase(
+            f"no chart is called {unknown[0]!r}; there are {', '.join(STUDIES)}"
+        )
     if not wanted:
         table = table_of(("chart", "shows"))
         for study in STUDIES.values():

@@ -18,14 +18,24 @@ from epcontact.harness.verdict.overview import margin_text
 from epcontact.output.loads import Row, load_cells
 from epcontact.results import COLUMNS
 
-STYLES = {"holds": "green", "falls short": "bold red", "error": "bold red", "skipped": "yellow"}
+STYLES = {
+    "holds": "green",
+    "falls short": "bold red",
+    "error": "bold red",
+    "skipped": "yellow",
+}
 
 
 def loads_table(
-    found: Mapping[str, tuple[Sequence[Row], str]], of: str, width: int = WIDE, **units: str
+    found: Mapping[str, tuple[Sequence[Row], str]],
+    of: str,
+    width: int = WIDE,
+    **units: str,
 ) -> Table:
-    """Tabulate rows of loads by what they are `of`, such as a method, each with a last remark; in
-    fewer columns than WIDE a line for each figure.  The elastic area is left to the files."""
+    """Tabulate rows of loads by what they are `of`, such as a method, each with a last
+    remark; in fewer columns than WIDE a line for each figure.  The elastic area is left
+    to the files.
+    """
     rows = [row for each, _ in found.values() for row in each]
     names = [(name, said) for name, (each, said) in found.items() for _ in each]
     shown = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
@@ -34,7 +44,9 @@ def loads_table(
     table = table_of(titles[:2], titles[2:])
     for (name, said), texts in zip(names, cells, strict=True):
         line, wide = (name, *texts, said), width >= WIDE
-        table.add_row(*(x.replace(", ", "\n").replace(" ±", "\n±") if wide else x for x in line))
+        table.add_row(
+            *(x.replace(", ", "\n").replace(" ±", "\n±") if wide else x for x in line)
+        )
     return fitting(table, width, WIDE)
 
 
@@ -46,8 +58,10 @@ def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
 
 
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
-    """Tabulate the cases, one in each row, each with the gate that is nearest to its band's end, or
-    that could not be judged; in WIDE columns with what it requires, as far as there is room."""
+    """Tabulate the cases, one in each row, each with the gate that is nearest to its
+    band's end, or that could not be judged; in WIDE columns with what it requires, as
+    far as there is room.
+    """
     table = table_of(("case", "verdict"), ("gates", "margin"))
     table.add_column("tightest gate", overflow="fold", no_wrap=width >= WIDE)
     if width >= WIDE:
@@ -62,9 +76,15 @@ def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
-    """Tabulate the gates, one in each row; in fewer columns than WIDE without their values."""
+    """Tabulate the gates, one in each row; in fewer columns than WIDE without their
+    values.
+    """
     wide = width >= WIDE
-    names = ("case", "quantity", "of", "against", "value", "reference") if wide else ("gate",)
+    names = (
+        ("case", "quantity", "of", "against", "value", "reference")
+        if wide
+        else ("gate",)
+    )
     table = table_of(names, ("difference", "band"))
     table.columns[-1].no_wrap = wide
     table.add_column("verdict", no_wrap=True)
@@ -113,7 +133,9 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
 
 
 def gamma_sentence(case: Case) -> str:
-    """Return the sentence on the theory's energy reduction; empty if no method is the theory."""
+    """Return the sentence on the theory's energy reduction; empty if no method is the
+    theory.
+    """
     options = [case.options[method] for method in case.methods]
     gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
     return f"theory with energy reduction gamma = {gammas[0]:g}" if gammas else ""
@@ -125,7 +147,9 @@ def shown_estimate(estimate: Estimate) -> str:
     return f"{estimate.mean:.5g}{half}"
 
 
-def print_surface_notes(console: Console, case: Case, answers: Mapping[str, Answer]) -> None:
+def print_surface_notes(
+    console: Console, case: Case, answers: Mapping[str, Answer]
+) -> None:
     """Print what was done to the surfaces of a case, and what to beware of."""
     notes = [result.notes for answer in answers.values() for result in answer.results]
     for note in notes[0] if notes else ():
@@ -142,7 +166,9 @@ def print_shortfalls(console: Console, case: CaseVerdict) -> None:
 
 
 def print_hanging(console: Console, sentence: str) -> None:
-    """Print a sentence, on a terminal in lines of whole words of which the further are indented."""
+    """Print a sentence, on a terminal in lines of whole words of which the further are
+    indented.
+    """
     width = console.width - 2 if console.is_terminal else 2 * len(sentence)
     for number, line in enumerate(Text(sentence).wrap(console, width)):
         console.print(Text("  " * bool(number)) + line, soft_wrap=True)

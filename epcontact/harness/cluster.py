@@ -1,11 +1,14 @@
-"""Solves on a Dask cluster, for `--executor epcontact.harness.cluster:dask` (extra `cluster`).
+"""Solves on a Dask cluster, for `--executor epcontact.harness.cluster:dask` (extra
+`cluster`).
 
-The environment variable DASK_SCHEDULER_ADDRESS names the scheduler, as `dask scheduler` prints it:
+The environment variable DASK_SCHEDULER_ADDRESS names the scheduler, as `dask scheduler`
+prints it:
 
     DASK_SCHEDULER_ADDRESS=tcp://10.0.0.1:8786
 
-Its workers need the same versions of epcontact and of the numerical libraries, and no folder of
-ours: they send results back.  Dask does the tasks of a worker that dies again on another one.
+Its workers need the same versions of epcontact and of the numerical libraries, and no
+folder of ours: they send results back.  Dask does the tasks of a worker that dies again
+on another one.
 """
 
 from __future__ import annotations
@@ -20,9 +23,10 @@ _VARIABLE = "DASK_SCHEDULER_ADDRESS"
 
 
 def dask() -> Executor:
-    """Return an executor on the cluster of the scheduler that the environment names.  Its
-    `worker_memory` is the memory, in bytes, of the largest worker that there is now; infinite where
-    that is not known."""
+    """Return an executor on the cluster of the scheduler that the environment names.
+    Its `worker_memory` is the memory, in bytes, of the largest worker that there is
+    now; infinite where that is not known.
+    """
     try:
         from distributed import Client
         from distributed.cfexecutor import ClientExecutor
@@ -49,6 +53,8 @@ def dask() -> Executor:
         raise InvalidCase(f"{_VARIABLE} is {address}, {reason}") from None
     executor = Dask(client, pure=False)
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
-    executor.worker_memory = max((w["memory_limit"] or math.inf for w in workers), default=math.inf)
+    executor.worker_memory = max(
+        (w["memory_limit"] or math.inf for w in workers), default=math.inf
+    )
     found: Executor = executor
     return found

@@ -1,4 +1,5 @@
-"""The reasons why finite and boundary elements differ on a scene, each measured separately.
+"""The reasons why finite and boundary elements differ on a scene, each measured
+separately.
 
 A comparison of the two is a chain of solves in which one thing changes at a time:
 
@@ -11,12 +12,13 @@ A comparison of the two is a chain of solves in which one thing changes at a tim
 
 and, where the finite elements flow by J2, before all of these,
 
-    finite elements, j2 ---- boundary elements capped at the hardness, on the elements' compliance
+    finite elements, j2 ---- boundary elements capped at the hardness, on the elements'
+    compliance
         model           plastic flow against a pressure cap: physics, not error.
 
-`measured_hardness` turns the model part into a number: the cap, in units of the yield stress, at
-which the capped body has the contact area of the J2 body under the same load.  `crosscheck`
-reports these for each surface of a case and for their ensemble.
+`measured_hardness` turns the model part into a number: the cap, in units of the yield
+stress, at which the capped body has the contact area of the J2 body under the same
+load.  `crosscheck` reports these for each surface of a case and for their ensemble.
 """
 
 from __future__ import annotations
@@ -50,12 +52,16 @@ _C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
 def error_budget(
     scene: Scene, law: str = "capped", j2: ContactResult | None = None, **block: Any
 ) -> dict[str, Difference]:
-    """Split the difference between finite and boundary elements under a single load, by its parts.
-    `block` is the depth and the layers of `fem_check.solve`, whose answer by the law j2 is `j2`:
-    after it the chain goes on with the capped law or, without a hardness, with the elastic one."""
+    """Split the difference between finite and boundary elements under a single load, by
+    its parts. `block` is the depth and the layers of `fem_check.solve`, whose answer by
+    the law j2 is `j2`: after it the chain goes on with the capped law or, without a
+    hardness, with the elastic one.
+    """
     hardness = math.inf if law == "elastic" else scene.material.hardness
     capped = replace(scene, material=replace(scene.material, hardness=hardness))
-    linear_law: Literal["capped", "elastic"] = "capped" if math.isfinite(hardness) else "elastic"
+    linear_law: Literal["capped", "elastic"] = (
+        "capped" if math.isfinite(hardness) else "elastic"
+    )
     fem = fem_check.solve(capped, law=linear_law, **block)
     own = bem.solve(capped, compliance=fem_check.surface_compliance(scene, **block))
     body = scene.body
@@ -65,18 +71,24 @@ def error_budget(
     whole = layer if body == scene.body else bem.solve(capped)
     chain = {"model": (j2, own), "solver": (fem, own)}
     chain |= {"discretisation": (own, layer), "depth": (layer, whole)}
-    return {name: difference(a, b, hardness) for name, (a, b) in chain.items() if a is not None}
+    return {
+        name: difference(a, b, hardness)
+        for name, (a, b) in chain.items()
+        if a is not None
+    }
 
 
 def measured_hardness(
     scene: Scene, *, j2: ContactResult | None = None, **options: Any
 ) -> EffectiveHardness:
-    """Measure the effective hardness of the J2 body of a scene, and the parts of its error.
+    """Measure the effective hardness of the J2 body of a scene, and the parts of its
+    error.
 
-    `epcontact.effective_hardness` looks it up in a map of such measurements.  The scene is also
-    solved on every other grid point, on a shallower block (of a half-space) and in half as many
-    increments; if the grid has no half, the error is that of half a node alone.  `options` are
-    depth, layers and steps of `fem_check.solve`; `j2` is its answer if that is known.
+    `epcontact.effective_hardness` looks it up in a map of such measurements.  The scene
+    is also solved on every other grid point, on a shallower block (of a half-space) and
+    in half as many increments; if the grid has no half, the error is that of half a
+    node alone.  `options` are depth, layers and steps of `fem_check.solve`; `j2` is its
+    answer if that is known.
     """
 
     def flowed(body: Scene, **options: Any) -> ContactResult:
@@ -93,7 +105,8 @@ def measured_hardness(
     fewer = max(1, round(j2.provenance.options["steps"] / 2))
     others["steps"] = (scene, flowed(scene, **options | {"steps": fewer}))
     parts = {
-        name: fine.ratio - hardness_of_equal_area(*other).ratio for name, other in others.items()
+        name: fine.ratio - hardness_of_equal_area(*other).ratio
+        for name, other in others.items()
     }
     return replace(fine, parts=parts | dict(fine.parts))
 
@@ -104,19 +117,25 @@ def _half(scene: Scene) -> Scene | None:
     if any(n % 2 or n < 8 for n in heights.shape):
         return None
     heights = heights[(slice(None, None, 2),) * heights.ndim]
-    return replace(scene, surface=Surface(heights, periods), load=Load(scene.load.final))
+    return replace(
+        scene, surface=Surface(heights, periods), load=Load(scene.load.final)
+    )
 
 
-# --- the report on a case ------------------------------------------------------------------------
+# --- the report on a case
+# ------------------------------------------------------------------------
 
 
-def crosscheck(case: Case, seeds: Sequence[int] = (), *, steps: int | None = None) -> str:
-    """Report why the finite and the boundary elements of a case differ, surface by surface.
+def crosscheck(
+    case: Case, seeds: Sequence[int] = (), *, steps: int | None = None
+) -> str:
+    """Report why the finite and the boundary elements of a case differ, surface by
+    surface.
 
-    The report holds the error budget of the case's finite-element law; for j2 also both contact
-    areas, their overlap, the distance of the pressure distributions, and the effective hardness;
-    for several surfaces their means with standard errors.  `seeds` replace the case's own, `steps`
-    the increments of its J2 body.
+    The report holds the error budget of the case's finite-element law; for j2 also both
+    contact areas, their overlap, the distance of the pressure distributions, and the
+    effective hardness; for several surfaces their means with standard errors.  `seeds`
+    replace the case's own, `steps` the increments of its J2 body.
     """
     _require_comparable(case, seeds, steps)
     steps = steps or case.options["fem"]["steps"]
@@ -124,7 +143,9 @@ def crosscheck(case: Case, seeds: Sequence[int] = (), *, steps: int | None = Non
     lines, rows = [], []
     for recipe in [replace(recipes[0], seed=seed) for seed in seeds] or recipes:
         seed = getattr(recipe, "seed", None)
-        lines.append(f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}"))
+        lines.append(
+            f"{case.id}, {case.size}" + ("" if seed is None else f", seed {seed}")
+        )
         found, row = _checked(case, case.scene(recipe), steps)
         lines += [f"  {line}" for line in found]
         rows.append(row)
@@ -138,7 +159,9 @@ def crosscheck(case: Case, seeds: Sequence[int] = (), *, steps: int | None = Non
 
 
 def _require_comparable(case: Case, seeds: Sequence[int], steps: int | None) -> None:
-    """Raise InvalidCase if a case cannot be cross-checked on these seeds and increments."""
+    """Raise InvalidCase if a case cannot be cross-checked on these seeds and
+    increments.
+    """
     missing = [method for method in ("fem", "bem") if method not in case.methods]
     fem, loads = case.options.get("fem", {}), len(case.load.path)
     random = isinstance(case.recipes[0], SelfAffine) if case.recipes else False
@@ -149,17 +172,25 @@ def _require_comparable(case: Case, seeds: Sequence[int], steps: int | None) -> 
         f"load.mean_pressure is a path of {loads}, but a cross-check answers a single mean "
         "pressure": loads != 1,
         f"fem.geometry is {fem.get('geometry')!r}, but must be 'gap': the boundary elements have "
-        "no other, so slope and error could not be separated": fem.get("geometry") != "gap",
+        "no other, so slope and error could not be separated": fem.get("geometry")
+        != "gap",
         "steps is for fem.law = 'j2' only": steps and fem.get("law") != "j2",
         "its surface is not random, so it has no seeds": seeds and not random,
-        f"seeds are {list(seeds)}, but must be different numbers from 0 on":
-            len(set(seeds)) != len(seeds) or min(seeds, default=0) < 0,
-    }  # fmt: skip
-    if obstacle := next((sentence for sentence, wrong in obstacles.items() if wrong), ""):
+        f"seeds are {list(seeds)}, but must be different numbers from 0 on": len(
+            set(seeds)
+        )
+        != len(seeds)
+        or min(seeds, default=0) < 0,
+    }
+    if obstacle := next(
+        (sentence for sentence, wrong in obstacles.items() if wrong), ""
+    ):
         raise InvalidCase(f"{case.path}: {obstacle}")
 
 
-def _checked(case: Case, scene: Scene, steps: int) -> tuple[list[str], dict[str, float]]:
+def _checked(
+    case: Case, scene: Scene, steps: int
+) -> tuple[list[str], dict[str, float]]:
     """Return the lines of the report on a surface, and its row of the ensemble."""
     law = case.options["fem"]["law"]
     block: dict[str, Any] = {k: case.options["fem"].get(k) for k in ("depth", "layers")}
@@ -174,7 +205,9 @@ def _checked(case: Case, scene: Scene, steps: int) -> tuple[list[str], dict[str,
     if j2 is None:
         return lines, row
     model, capped = budget["model"], math.isfinite(scene.material.hardness)
-    cap, unit = ("capped", "hardness") if capped else ("elastic", "mean contact pressure")
+    cap, unit = (
+        ("capped", "hardness") if capped else ("elastic", "mean contact pressure")
+    )
     lines.append(
         f"j2 touches on {model.areas[0]:.4f}, the {cap} body on {model.areas[1]:.4f} of the "
         f"nodes; overlap {model.overlap:.2f}; distance of the pressure distributions "
@@ -190,8 +223,12 @@ def _checked(case: Case, scene: Scene, steps: int) -> tuple[list[str], dict[str,
         "largest pressure of j2 over sigma_Y": largest,
     }
     if found.at_cap is not None and not found.meaningless:
-        changes = {_CHANGE + name: part for name, part in found.parts.items() if name != "node"}
-        row |= {_C_EFF: found.ratio} | changes | {"overlap at c_eff": found.at_cap.overlap}
+        changes = {
+            _CHANGE + name: part for name, part in found.parts.items() if name != "node"
+        }
+        row |= (
+            {_C_EFF: found.ratio} | changes | {"overlap at c_eff": found.at_cap.overlap}
+        )
     return lines, row
 
 
@@ -201,19 +238,26 @@ _ROW = "{:30} {:6.4f} {:9.4f} {:6.3f} {:6.4f} {:6.4f} {:5.3g} {:8.0f} {:5.0f}"
 
 
 def _codes(case: Case, scene: Scene) -> list[str]:
-    """Return a table of the codes that are installed: areas, c_eff, distances of the pressures from
-    the elements' at the nodes (L2) and of the distribution, and times over theirs on one thread.
-    CalculiX is asked again with one thing changed; of similar answers, that at a tenth of the slope
-    has a tenth of the large displacements."""
+    """Return a table of the codes that are installed: areas, c_eff, distances of the
+    pressures from the elements' at the nodes (L2) and of the distribution, and times
+    over theirs on one thread. CalculiX is asked again with one thing changed; of
+    similar answers, that at a tenth of the slope has a tenth of the large
+    displacements.
+    """
     options = dict(case.options["fem"]) | {"certified": False}
     flows = options["law"] == "j2"
     flat = replace(scene.surface, heights=0.1 * scene.surface.heights)
     stiff = replace(scene.material, young_modulus=10 * scene.material.young_modulus)
     gentle = replace(scene, surface=flat, material=stiff)
     asked = {
-        name: (scene, partial(method.solve, scene, options if method.table == "fem" else {}, 1))
+        name: (
+            scene,
+            partial(method.solve, scene, options if method.table == "fem" else {}, 1),
+        )
         for name, method in METHODS.items()
-        if method.has_model_measures and not method.missing and (flows or method.table == "fem")
+        if method.has_model_measures
+        and not method.missing
+        and (flows or method.table == "fem")
     }
     if "calculix" in asked:
         for name, change in calculix.CHANGES.items():
@@ -228,31 +272,50 @@ def _codes(case: Case, scene: Scene) -> list[str]:
             rows.append(f"{name}: {error}")
             continue
         own = own or result  # that of the elements, which come first
-        away, areas, cost = difference(result, own, math.inf), result.final.areas, result.cost
+        away, areas, cost = (
+            difference(result, own, math.inf),
+            result.final.areas,
+            result.cost,
+        )
         row = (
-            name, areas["raw"].total, areas["corrected"].total,
+            name,
+            areas["raw"].total,
+            areas["corrected"].total,
             hardness_of_equal_area(body, result).ratio if flows else math.nan,
-            away.pressure, away.wasserstein, cost["seconds"] / own.cost["seconds"],
-            cost["unknowns"], cost.get("iterations", cost.get("newton_steps", 0)),
-        )  # fmt: skip
+            away.pressure,
+            away.wasserstein,
+            cost["seconds"] / own.cost["seconds"],
+            cost["unknowns"],
+            cost.get("iterations", cost.get("newton_steps", 0)),
+        )
         rows.append(_ROW.format(*row).replace("nan", "  –"))
     return rows
 
 
 def _ensemble_lines(rows: Sequence[Mapping[str, float]]) -> list[str]:
-    """Return the lines of the report on all surfaces together: what each of them has."""
+    """Return the lines of the report on all surfaces together: what each of them
+    has.
+    """
     shared = [name for name in rows[0] if all(name in row for row in rows)]
     means, errors, lines = {}, {}, []
     for name in shared:
         values = [row[name] for row in rows]
         deviation = standard_deviation(values)
-        means[name], errors[name] = estimate(values).mean, deviation / math.sqrt(len(values))
-        lines.append(f"{name}: {means[name]:+.4f} +- {errors[name]:.4f} ({deviation:.4f})")
+        means[name], errors[name] = (
+            estimate(values).mean,
+            deviation / math.sqrt(len(values)),
+        )
+        lines.append(
+            f"{name}: {means[name]:+.4f} +- {errors[name]:.4f} ({deviation:.4f})"
+        )
     if _C_EFF in means:
-        # The scatter of the surfaces averages out, and half a node more or less; the rest does not.
+        # The scatter of the surfaces averages out, and half a node more or less; the
+        # rest does not.
         changes = (name for name in shared if name.startswith(_CHANGE))
         parts = {"seeds": errors[_C_EFF]}
         parts |= {name.removeprefix(_CHANGE): means[name] for name in changes}
         listed = ", ".join(f"{name} {part:+.3f}" for name, part in parts.items())
-        lines.append(f"mean c_eff = {means[_C_EFF]:.3f} +- {combined(parts):.3f} (by {listed})")
+        lines.append(
+            f"mean c_eff = {means[_C_EFF]:.3f} +- {combined(parts):.3f} (by {listed})"
+        )
     return lines

@@ -1,24 +1,27 @@
 """Gates: comparisons of two answers, or of an answer with a reference.
 
-A gate compares one quantity a of a method with the reference b: the same quantity of another
-method, a closed form or a published number.  It judges their difference d by a norm:
+A gate compares one quantity a of a method with the reference b: the same quantity of
+another method, a closed form or a published number.  It judges their difference d by a
+norm:
 
     relative                 d = (a - b) / b
     absolute                 d = a - b
     wasserstein, supremum    distances of pressure distributions, see `distance`
     l2                       d = ||a - b||_2 / ||b||_2 of a field, over the grid
 
-The scatter of an ensemble enters the verdict.  The interval of the mean of n surfaces is
-Student's at 95 %.  A gate holds only if the *whole* interval of the difference is within its
-band, so an ensemble that is too small to decide does not pass.  Two ensembles over the same seeds
-are compared pair by pair.  A single surface has an interval of width 0.
+The scatter of an ensemble enters the verdict.  The interval of the mean of n surfaces
+is Student's at 95 %.  A gate holds only if the *whole* interval of the difference is
+within its band, so an ensemble that is too small to decide does not pass.  Two
+ensembles over the same seeds are compared pair by pair.  A single surface has an
+interval of width 0.
 
-A corrected area, a stiffness and a conductance are estimates of a limit with a claimed error, which
-widens the interval as well, so that a gate does not hold if its answers are less sure than its band
-is wide.  Of two estimates of the same limit the smaller claim counts, because the better estimate
-bounds the error of the other; if both come from pressures at the same points, they share their
-error, and the difference of the claims counts.  A theory and a published number claim no error, so
-that the claim of the other side counts.  A closed form shows the true error, and no claim counts.
+A corrected area, a stiffness and a conductance are estimates of a limit with a claimed
+error, which widens the interval as well, so that a gate does not hold if its answers
+are less sure than its band is wide.  Of two estimates of the same limit the smaller
+claim counts, because the better estimate bounds the error of the other; if both come
+from pressures at the same points, they share their error, and the difference of the
+claims counts.  A theory and a published number claim no error, so that the claim of the
+other side counts.  A closed form shows the true error, and no claim counts.
 """
 
 from __future__ import annotations
@@ -35,7 +38,8 @@ from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, WithJsonSche
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.results import APART, ContactResult, PressureDistribution, plain
 
-# --- means of ensembles --------------------------------------------------------------------------
+# --- means of ensembles
+# --------------------------------------------------------------------------
 
 
 CONFIDENCE = 0.95
@@ -59,52 +63,70 @@ class Estimate(Record):
 
     mean: Number
     half_width: Number = Field(
-        alias="half_width_95", description="half the width of Student's interval; 0 for one"
+        alias="half_width_95",
+        description="half the width of Student's interval; 0 for one",
     )
     count: int = Field(alias="surfaces", ge=0, description="number of averaged values")
-    claimed_error: Number | None = Field(default=None, description="that the answers claim")
+    claimed_error: Number | None = Field(
+        default=None, description="that the answers claim"
+    )
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """Return the mean of independent values with its 95 % interval, of width 0 for one value."""
+    """Return the mean of independent values with its 95 % interval, of width 0 for one
+    value.
+    """
     array = np.asarray(values, dtype=float)
     half_width = student_half_width(standard_deviation(values), array.size)
-    return Estimate(mean=float(array.mean()), half_width_95=half_width, surfaces=array.size)
+    return Estimate(
+        mean=float(array.mean()), half_width_95=half_width, surfaces=array.size
+    )
 
 
 def standard_deviation(values: Sequence[float]) -> float:
-    """Return the standard deviation of a single value, estimated from a sample; 0 for one."""
+    """Return the standard deviation of a single value, estimated from a sample; 0 for
+    one.
+    """
     array = np.asarray(values, dtype=float)
     return float(array.std(ddof=1)) if array.size > 1 else 0.0
 
 
 def student_half_width(deviation: float, count: int) -> float:
-    """Return half of Student's 95 % interval of a mean of `count` values; 0 for one value.
-    `deviation` is the standard deviation of a single value."""
+    """Return half of Student's 95 % interval of a mean of `count` values; 0 for one
+    value. `deviation` is the standard deviation of a single value.
+    """
     if count == 1:
         return 0.0
-    from scipy.special import stdtrit  # takes longer to load than a solve of one small surface
+    from scipy.special import (
+        stdtrit,
+    )  # takes longer to load than a solve of one small surface
 
     factor = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
     return factor * deviation / math.sqrt(count)
 
 
-# --- distances of fields and of distributions ----------------------------------------------------
+# --- distances of fields and of distributions
+# ----------------------------------------------------
 
 
-def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float) -> float:
+def distance(
+    norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float
+) -> float:
     """Return the distance of a pressure distribution from another one, the reference.
 
-    "wasserstein" is int |F_a - F_b| dsigma over the hardness (Pa) or, if that is infinite, over the
-    mean contact pressure of b, with F the distribution of the pressure on the contact.  "supremum"
-    is the largest |F_a - F_b| below the hardness over the contact area of b, with F the share of
-    the nominal area at pressures in (0, sigma].  The tables are interpolated linearly, so that
-    their pressures should be close together.  Raises InvalidCase if there is no contact.
+    "wasserstein" is int |F_a - F_b| dsigma over the hardness (Pa) or, if that is
+    infinite, over the mean contact pressure of b, with F the distribution of the
+    pressure on the contact.  "supremum" is the largest |F_a - F_b| below the hardness
+    over the contact area of b, with F the share of the nominal area at pressures in (0,
+    sigma].  The tables are interpolated linearly, so that their pressures should be
+    close together.  Raises InvalidCase if there is no contact.
     """
     total_a = float(a.cumulative[-1]) + a.plastic
     total_b = float(b.cumulative[-1]) + b.plastic
     if min(total_a, total_b) <= 0:
-        raise InvalidCase("a pressure distribution without contact has no distance to another")
+        raise InvalidCase(
+            "a pressure distribution without contact has no distance to another"
+        )
     sigma = np.union1d(a.pressure, b.pressure)
     F_a = np.interp(sigma, a.pressure, a.cumulative)
     F_b = np.interp(sigma, b.pressure, b.cumulative)
@@ -116,7 +138,9 @@ def distance(norm: str, a: PressureDistribution, b: PressureDistribution, hardne
 
 
 def carried_pressure(distribution: PressureDistribution) -> float:
-    """Return int sigma dF over the elastic contact, in Pa: its load per nominal area."""
+    """Return int sigma dF over the elastic contact, in Pa: its load per nominal
+    area.
+    """
     sigma, F = distribution.pressure, distribution.cumulative
     return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
 
@@ -130,10 +154,11 @@ def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
 class Difference:
     """The difference between two answers on the same grid.
 
-    `area` is the relative difference of the raw contact `areas`, `pressure` the L2 norm of the
-    difference of the nodal pressures over that of the second, `overlap` the number of shared
-    contact nodes over that of nodes in either contact (Jaccard index), `wasserstein` the distance
-    of the distributions, and `nodes` the number of nodes that are in contact in one answer only.
+    `area` is the relative difference of the raw contact `areas`, `pressure` the L2 norm
+    of the difference of the nodal pressures over that of the second, `overlap` the
+    number of shared contact nodes over that of nodes in either contact (Jaccard index),
+    `wasserstein` the distance of the distributions, and `nodes` the number of nodes
+    that are in contact in one answer only.
     """
 
     area: float
@@ -147,12 +172,17 @@ class Difference:
         return f"area {self.area:+.2%}, pressure {self.pressure:.1e}"
 
 
-def difference(first: ContactResult, second: ContactResult, hardness: float) -> Difference:
-    """Return the difference of `first` from `second`; the hardness (Pa) scales their distance.
-    Raises InvalidScene if their grids differ."""
+def difference(
+    first: ContactResult, second: ContactResult, hardness: float
+) -> Difference:
+    """Return the difference of `first` from `second`; the hardness (Pa) scales their
+    distance. Raises InvalidScene if their grids differ.
+    """
     p, q = first.fields["pressure"], second.fields["pressure"]
     if p.shape != q.shape:
-        raise InvalidScene(f"pressures on grids of {p.shape} and {q.shape} cannot be compared")
+        raise InvalidScene(
+            f"pressures on grids of {p.shape} and {q.shape} cannot be compared"
+        )
     a, b = first.fields["state"] != APART, second.fields["state"] != APART
     assert first.distribution is not None
     assert second.distribution is not None
@@ -166,12 +196,15 @@ def difference(first: ContactResult, second: ContactResult, hardness: float) -> 
     )
 
 
-# --- gates ---------------------------------------------------------------------------------------
+# --- gates
+# ---------------------------------------------------------------------------------------
 
 
 Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
 #: What a reference is; `verdict.evidence` says it of each gate, and what each means.
-Kind = Literal["identity", "closed form", "method here", "other code", "published", "experiment"]
+Kind = Literal[
+    "identity", "closed form", "method here", "other code", "published", "experiment"
+]
 DISTRIBUTION_NORMS = ("wasserstein", "supremum")
 
 HOLDS: Literal["holds"] = "holds"
@@ -181,9 +214,11 @@ ERROR: Literal["error"] = "error"
 
 @dataclass(frozen=True)
 class Gate:
-    """One comparison that must hold: the difference of `of` from `against` is in [low, high].
-    `against` is a method, the name of a closed form, or a number with its `source`; `because` is
-    the reason for the width of the band, and `kind` says what a number is, see `Kind`."""
+    """One comparison that must hold: the difference of `of` from `against` is in [low,
+    high]. `against` is a method, the name of a closed form, or a number with its
+    `source`; `because` is the reason for the width of the band, and `kind` says what a
+    number is, see `Kind`.
+    """
 
     quantity: str
     of: str
@@ -203,7 +238,9 @@ class Gate:
 
 
 class GateVerdict(Record):
-    """One gate, judged: the whole interval of the difference must be within [low, high]."""
+    """One gate, judged: the whole interval of the difference must be within [low,
+    high].
+    """
 
     name: str
     status: Literal["holds", "falls short", "error"]
@@ -215,7 +252,9 @@ class GateVerdict(Record):
     high: Number
     because: str
     source: str
-    kind: str = Field(default="", description="of the reference, such as identity or closed form")
+    kind: str = Field(
+        default="", description="of the reference, such as identity or closed form"
+    )
     subject: str = Field(default="", description="what the gate verifies")
     value: Estimate | None = None
     reference: Estimate | None = None
@@ -225,9 +264,12 @@ class GateVerdict(Record):
         description="claimed error of the limits in the difference, which widens its interval",
     )
     half_width: Number = Field(
-        default=0.0, description="half the interval that must be in the band: scatter and claim"
+        default=0.0,
+        description="half the interval that must be in the band: scatter and claim",
     )
-    error: str | None = Field(default=None, description="why the gate could not be judged")
+    error: str | None = Field(
+        default=None, description="why the gate could not be judged"
+    )
 
     @property
     def holds(self) -> bool:
@@ -236,8 +278,10 @@ class GateVerdict(Record):
 
     @property
     def margin(self) -> float:
-        """The band over the difference with its interval: 1 or more if it holds; nan if unjudged.
-        Both are measured from the middle of the band, which is 0 for a distance."""
+        """The band over the difference with its interval: 1 or more if it holds; nan if
+        unjudged. Both are measured from the middle of the band, which is 0 for a
+        distance.
+        """
         if self.difference is None:
             return math.nan
         distance = self.norm in (*DISTRIBUTION_NORMS, "l2") and self.low <= 0
@@ -249,7 +293,9 @@ class GateVerdict(Record):
         """Return one line with the gate, its figures and its reason."""
         if self.value is None or self.reference is None or self.difference is None:
             return f"{self.name}: {self.error}"
-        grid = f" (of which {self.grid_error:.2g} is claimed)" if self.grid_error else ""
+        grid = (
+            f" (of which {self.grid_error:.2g} is claimed)" if self.grid_error else ""
+        )
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
             f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
@@ -264,9 +310,10 @@ def judge(
     paired: bool,
     claim: float | None = None,
 ) -> GateVerdict:
-    """Compare the values of a scalar, one for each surface, with those of its reference.  `paired`
-    values come from the same surfaces in the same order; others are independent.  `claim` is the
-    claimed error of limits that counts."""
+    """Compare the values of a scalar, one for each surface, with those of its
+    reference.  `paired` values come from the same surfaces in the same order; others
+    are independent.  `claim` is the claimed error of limits that counts.
+    """
     a, b = estimate(value), estimate(reference)
     relative = gate.norm == "relative"
     scale = (abs(b.mean) or math.inf) if relative else 1.0
@@ -274,7 +321,8 @@ def judge(
         pairs = zip(value, reference, strict=True)
         difference = estimate([deviation(gate.norm, *pair) for pair in pairs])
     else:
-        # First order: the relative difference is (a - b)/b, so b's width counts times a/b.
+        # First order: the relative difference is (a - b)/b, so b's width counts times
+        # a/b.
         slope = a.mean / scale if relative else 1.0
         half_width = math.hypot(a.half_width, slope * b.half_width) / scale
         mean = deviation(gate.norm, a.mean, b.mean)
@@ -283,7 +331,9 @@ def judge(
 
 
 def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
-    """Compare distances, one for each surface, with the gate's band; the reference is 0."""
+    """Compare distances, one for each surface, with the gate's band; the reference is
+    0.
+    """
     difference = estimate(distances)
     return _judged(gate, difference, estimate([0.0]), difference)
 
@@ -294,7 +344,9 @@ def unjudged(gate: Gate, reason: str) -> GateVerdict:
 
 
 def deviation(norm: str, value: float, reference: float) -> float:
-    """Return the difference of a value from its reference by the norm relative or absolute."""
+    """Return the difference of a value from its reference by the norm relative or
+    absolute.
+    """
     if norm == "absolute":
         return value - reference
     if reference == 0:
@@ -303,11 +355,23 @@ def deviation(norm: str, value: float, reference: float) -> float:
 
 
 def _judged(
-    gate: Gate, a: Estimate, b: Estimate, difference: Estimate, grid_error: float | None = None
+    gate: Gate,
+    a: Estimate,
+    b: Estimate,
+    difference: Estimate,
+    grid_error: float | None = None,
 ) -> GateVerdict:
     half = math.hypot(difference.half_width, grid_error or 0.0)
     # NaN compares false, so a difference that is NaN never holds.
     holds = gate.low <= difference.mean - half and difference.mean + half <= gate.high
-    figures: Any = {"value": a, "reference": b, "difference": difference, "grid_error": grid_error}
-    figures |= vars(gate) | {"status": HOLDS if holds else FALLS_SHORT, "half_width": half}
+    figures: Any = {
+        "value": a,
+        "reference": b,
+        "difference": difference,
+        "grid_error": grid_error,
+    }
+    figures |= vars(gate) | {
+        "status": HOLDS if holds else FALLS_SHORT,
+        "half_width": half,
+    }
     return GateVerdict(name=gate.name, **figures)

@@ -1,7 +1,9 @@
-"""The modules that the server of a pool loads before processes are forked from it, see `processes`.
+"""The modules that the server of a pool loads before processes are forked from it, see
+`processes`.
 
-These are the methods that the environment names, with those of their kernels that this machine has
-compiled before.  No library may start a thread: what one holds during a fork is held for ever.
+These are the methods that the environment names, with those of their kernels that this
+machine has compiled before.  No library may start a thread: what one holds during a
+fork is held for ever.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The plugin of pytest: case files become tests, one for each gate.
 
-pytest loads it by its entry point in every environment that has epcontact, so it does nothing, and
-imports nothing heavy, until a project names its case files in pytest's configuration:
+pytest loads it by its entry point in every environment that has epcontact, so it does
+nothing, and imports nothing heavy, until a project names its case files in pytest's
+configuration:
 
     [tool.pytest.ini_options]
     epcontact_cases = ["*.case.toml"]
@@ -28,14 +29,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=[],
     )
     group = parser.getgroup("epcontact")
-    group.addoption("--case-size", choices=_SIZES, default="fast", help="size of the cases to run")
-    group.addoption("--case-output", default=None, help="folder for results; else a temporary one")
+    group.addoption(
+        "--case-size", choices=_SIZES, default="fast", help="size of the cases to run"
+    )
+    group.addoption(
+        "--case-output", default=None, help="folder for results; else a temporary one"
+    )
 
 
-def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+def pytest_collect_file(
+    file_path: Path, parent: pytest.Collector
+) -> pytest.Collector | None:
     """Collect the files that the setting epcontact_cases names."""
-    if not any(file_path.match(pattern) for pattern in parent.config.getini("epcontact_cases")):
+    if not any(
+        file_path.match(pattern) for pattern in parent.config.getini("epcontact_cases")
+    ):
         return None
-    from epcontact.harness.verdict.pytest_cases import CaseModule  # brings the solvers with it
+    from epcontact.harness.verdict.pytest_cases import (
+        CaseModule,
+    )  # brings the solvers with it
 
     return CaseModule.from_parent(parent, path=file_path)

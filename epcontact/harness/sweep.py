@@ -1,9 +1,9 @@
 """Sweeps: a case at many points, one task a point and surface, kept in a folder.
 
-The folder is `<output>/<case>/<size>`.  `sweep.json` lists the tasks with the keys of their
-results, and `members/<method>-<point>-<surface>.json` holds each result from the moment that it is
-solved, so a sweep that is stopped goes on where it was.  A point is named by its values: a sweep
-that gains or loses points keeps the results of the others.
+The folder is `<output>/<case>/<size>`.  `sweep.json` lists the tasks with the keys of
+their results, and `members/<method>-<point>-<surface>.json` holds each result from the
+moment that it is solved, so a sweep that is stopped goes on where it was.  A point is
+named by its values: a sweep that gains or loses points keeps the results of the others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ from epcontact.files import read_bytes, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, load_rows, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
-from epcontact.harness.case_files.case import Case, CaseText, case_at, find_case, load_case
+from epcontact.harness.case_files.case import (
+    Case,
+    CaseText,
+    case_at,
+    find_case,
+    load_case,
+)
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.results import ContactResult
@@ -35,7 +41,9 @@ COSTS = ("cost.seconds", "cost.peak_memory_bytes")
 
 
 class Sweep(NamedTuple):
-    """The tasks of a sweep, the point of each, and what is measured beside what methods report."""
+    """The tasks of a sweep, the point of each, and what is measured beside what methods
+    report.
+    """
 
     tasks: list[Task]
     points: list[Point]
@@ -48,20 +56,29 @@ class Swept:
 
     folder: Path
     table: pd.DataFrame
-    failures: Mapping[str, str]  # the sentence of each task without a result, by its name in files
+    failures: Mapping[
+        str, str
+    ]  # the sentence of each task without a result, by its name in files
     reused: int  # the number of tasks whose kept result was used again
-    #: For each point and method in words its rows, see `load_rows`, and the number of surfaces.
+    #: For each point and method in words its rows, see `load_rows`, and the number of
+    #: surfaces.
     loads: Mapping[str, tuple[list[dict[str, Any]], str]]
     quantities: Sequence[str]  # measured beside what the methods report
-    notes: Mapping[str, int]  # of surfaces and solves, with the number of tasks that told them
+    notes: Mapping[
+        str, int
+    ]  # of surfaces and solves, with the number of tasks that told them
     fields: Mapping[Path, str]  # the files of fields, and what they show in words
 
 
 def read_sweep(
-    case: CaseText | Path | str, size: str = "fast", run: Run | None = None, among: str = ""
+    case: CaseText | Path | str,
+    size: str = "fast",
+    run: Run | None = None,
+    among: str = "",
 ) -> Sweep:
-    """Return the tasks of the table [sweep] of a case; every point is checked.  Those whose words
-    contain `among` keep the fields that the run asks for."""
+    """Return the tasks of the table [sweep] of a case; every point is checked.  Those
+    whose words contain `among` keep the fields that the run asks for.
+    """
     text = case if isinstance(case, CaseText) else find_case(case)
     swept = load_case(text, size).sweep
     if swept is None:
@@ -92,7 +109,9 @@ def _tasks_at(
             told = f"[sweep] no method of the case answers {quantity!r}{known}"
             raise InvalidCase(f"{case.path}: {told}")
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
-    values = ", ".join(f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items())
+    values = ", ".join(
+        f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items()
+    )
     for task in tasks_of(case, replace(run, rows=asked is None)):
         named = replace(
             task,
@@ -114,7 +133,9 @@ def in_words(value: Scalar) -> str:
 def _answers(method: Method, name: str) -> bool:
     """Return whether there is such a quantity, and a method has what it needs."""
     has = {"fields": method.has_fields, "J2 flow": method.has_model_measures}
-    return name in QUANTITIES and all(has.get(need, True) for need in QUANTITIES[name].needs)
+    return name in QUANTITIES and all(
+        has.get(need, True) for need in QUANTITIES[name].needs
+    )
 
 
 def run_sweep(
@@ -125,13 +146,15 @@ def run_sweep(
     among: str = "",
     **options: Any,
 ) -> Swept:
-    """Solve the sweep of a case, but for what is kept of an earlier run; write `sweep.csv`.
+    """Solve the sweep of a case, but for what is kept of an earlier run; write
+    `sweep.csv`.
 
     Args:
         case: a name, a path or a case from `find_case`.
         run: how it is solved, see `Run`, whose attributes are keywords, too.
         size: one of its sizes.
-        among: fields are kept where a point in words contains this, such as "hardness 3e+09".
+        among: fields are kept where a point in words contains this, such as "hardness
+            3e+09".
 
     Raises:
         InvalidCase: if the case has no sweep, or one that cannot be solved.
@@ -144,7 +167,9 @@ def run_sweep(
         {
             "point": point,
             "method": task.method.name,
-            "seed": None if task.label.endswith("-single") else getattr(task.recipe, "seed", None),
+            "seed": None
+            if task.label.endswith("-single")
+            else getattr(task.recipe, "seed", None),
             "file": str(task.result_path(run.folder).relative_to(folder)),
             "key": key_of(task),
         }
@@ -162,16 +187,26 @@ def run_sweep(
     notes: Counter[str] = Counter()
     for task, point in zip(tasks, points, strict=True):
         if isinstance(outcome := outcomes[task], ContactResult):
-            values = (f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items())
-            groups.setdefault(", ".join((*values, task.method.name)), []).append(outcome)
+            values = (
+                f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items()
+            )
+            groups.setdefault(", ".join((*values, task.method.name)), []).append(
+                outcome
+            )
             notes.update(outcome.notes)
     names = [name.removeprefix("quantity.") for name in quantities or ()]
-    loads = {name: (load_rows(each, names), str(len(each))) for name, each in groups.items()}
+    loads = {
+        name: (load_rows(each, names), str(len(each))) for name, each in groups.items()
+    }
     found = table(folder)
     with whole_file(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
-    fields = {t.fields: f"{t.words}, {t.method.name}" for t in tasks if t.fields is not None}
-    return Swept(folder, found, failures, len(reused), loads, quantities or (), notes, fields)
+    fields = {
+        t.fields: f"{t.words}, {t.method.name}" for t in tasks if t.fields is not None
+    }
+    return Swept(
+        folder, found, failures, len(reused), loads, quantities or (), notes, fields
+    )
 
 
 def table(folder: str | Path) -> pd.DataFrame:
@@ -181,26 +216,38 @@ def table(folder: str | Path) -> pd.DataFrame:
         folder: `<output>/<case>/<size>`.
 
     Returns:
-        One row for each task of the sweep and each load of its path, with a column for each swept
-        key ("material.hardness"), `method`, `seed` (where the surfaces have seeds), `solved`,
-        `load` (its number), and one for each quantity of a result by its name in gates
-        ("area.total.corrected"), in SI units; nan where there is none.
+        One row for each task of the sweep and each load of its path, with a column for
+        each swept key ("material.hardness"), `method`, `seed` (where the surfaces have
+        seeds), `solved`, `load` (its number), and one for each quantity of a result by
+        its name in gates ("area.total.corrected"), in SI units; nan where there is
+        none.
 
     Raises:
         OutputError: if there is no sweep in the folder.
     """
     rows = []
     for task, result in members(folder):
-        about = {"method": task["method"], "seed": task["seed"], "solved": result is not None}
+        about = {
+            "method": task["method"],
+            "seed": task["seed"],
+            "solved": result is not None,
+        }
         for number, step in enumerate(result.steps if result else [None]):
-            found = scalar_quantities(replace(result, steps=(step,))) if result and step else {}
+            found = (
+                scalar_quantities(replace(result, steps=(step,)))
+                if result and step
+                else {}
+            )
             rows.append(task["point"] | about | {"load": number} | found)
     return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
-def members(folder: str | Path) -> Iterator[tuple[dict[str, Any], ContactResult | None]]:
-    """Yield each task of a sweep's list with its result, or None.  Raises OutputError if there is
-    no sweep in the folder."""
+def members(
+    folder: str | Path,
+) -> Iterator[tuple[dict[str, Any], ContactResult | None]]:
+    """Yield each task of a sweep's list with its result, or None.  Raises OutputError
+    if there is no sweep in the folder.
+    """
     path = Path(folder) / _LIST
     try:
         data = json.loads(read_bytes(path))
@@ -211,7 +258,9 @@ def members(folder: str | Path) -> Iterator[tuple[dict[str, Any], ContactResult 
             solved = member.get("key") == task["key"]
             yield task, ContactResult.from_json(member) if solved else None
     except (ValueError, KeyError, TypeError):
-        raise OutputError(f"{path} is no list of a sweep; run `epcontact sweep` again") from None
+        raise OutputError(
+            f"{path} is no list of a sweep; run `epcontact sweep` again"
+        ) from None
 
 
 def digest(found: pd.DataFrame) -> str:

@@ -1,6 +1,7 @@
 """Elastic moduli of contact.
 
-The finite elements do not use this module: they are an independent check and have their own.
+The finite elements do not use this module: they are an independent check and have their
+own.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ def effective_modulus(material: Material) -> float:
 
 
 def of_both(material: Material, counterface: Material) -> Material:
-    """The body that has the E* of two half-spaces, and the strengths of the first, which flows."""
+    """The body that has the E* of two half-spaces, and the strengths of the first,
+    which flows.
+    """
     compliance = sum(1 / effective_modulus(body) for body in (material, counterface))
     return replace(material, young_modulus=(1 - material.poisson_ratio**2) / compliance)
 

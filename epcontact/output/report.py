@@ -1,9 +1,11 @@
-"""The report of a verification run: one self-contained HTML page of verdict, answers, pictures.
+"""The report of a verification run: one self-contained HTML page of verdict, answers,
+pictures.
 
-The template `report.html.jinja` beside this file is filled with the content of `verdict.json`, of
-the methods' JSON files and of the pictures beside them; jinja2 escapes all of it.  The page loads
-nothing from other hosts, and its content-security policy makes the browser enforce that.  It needs
-no script, follows the reader's choice of light or dark, and fits a phone.
+The template `report.html.jinja` beside this file is filled with the content of
+`verdict.json`, of the methods' JSON files and of the pictures beside them; jinja2
+escapes all of it.  The page loads nothing from other hosts, and its content-security
+policy makes the browser enforce that.  It needs no script, follows the reader's choice
+of light or dark, and fits a phone.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from epcontact.output.loads import load_cells
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
-#: Draws the results by method, one a surface, into a folder; returns what it could not draw.
+#: Draws the results by method, one a surface, into a folder; returns what it could not
+#: draw.
 Draw = Callable[[Mapping[str, Sequence[ContactResult]], Path], Sequence[str]]
 
 _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
@@ -41,23 +44,34 @@ def report_folder(
     draw: Draw | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
-    """Make the page of a verdict (the content of verdict.json) in its folder, and return its path.
-    The page shows every picture in a case's folder that has a caption (.txt) beside it.  `draw`
-    draws some there first, from the results.  `overview` sums the verdict up, see
-    `harness.verdict.overview`, and `notes` are sentences for the top.  Raises OutputError."""
+    """Make the page of a verdict (the content of verdict.json) in its folder, and
+    return its path. The page shows every picture in a case's folder that has a caption
+    (.txt) beside it.  `draw` draws some there first, from the results.  `overview` sums
+    the verdict up, see `harness.verdict.overview`, and `notes` are sentences for the
+    top.  Raises OutputError.
+    """
     home = Path(folder)
     results, pictures = dict[str, dict[str, Data]](), dict[str, list[dict[str, str]]]()
     sentences = list(notes)
     for case in verdict["cases"]:
         here = home / case["id"] / case["size"]
         files = {method: here / f"{method}.json" for method in case["methods"]}
-        answers = {method: _read_json(file) for method, file in files.items() if file.is_file()}
+        answers = {
+            method: _read_json(file) for method, file in files.items() if file.is_file()
+        }
         if draw is not None:
-            members = {m: map(ContactResult.from_json, a["members"]) for m, a in answers.items()}
-            sentences += draw({method: list(found) for method, found in members.items()}, here)
+            members = {
+                m: map(ContactResult.from_json, a["members"])
+                for m, a in answers.items()
+            }
+            sentences += draw(
+                {method: list(found) for method, found in members.items()}, here
+            )
         results[case["id"]], pictures[case["id"]] = answers, _pictures(here)
     target = Path(path) if path is not None else home / "report.html"
-    write_report(target, verdict, results, pictures, list(dict.fromkeys(sentences)), overview)
+    write_report(
+        target, verdict, results, pictures, list(dict.fromkeys(sentences)), overview
+    )
     return target
 
 
@@ -69,8 +83,10 @@ def write_report(
     notes: Sequence[str] = (),
     overview: Data | None = None,
 ) -> None:
-    """Write the page of a verdict, of the answers by case and method, and of pictures by case.  A
-    picture has the data of its file as a `uri`, and a `caption`; the overview comes first."""
+    """Write the page of a verdict, of the answers by case and method, and of pictures
+    by case.  A picture has the data of its file as a `uri`, and a `caption`; the
+    overview comes first.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
         autoescape=True,
@@ -81,7 +97,9 @@ def write_report(
     environment.filters |= {
         "number": number,
         "counts": _counts,
-        "listed": lambda values: ", ".join(f"{name} {value}" for name, value in values.items()),
+        "listed": lambda values: ", ".join(
+            f"{name} {value}" for name, value in values.items()
+        ),
         "load_cells": load_cells,
         "computed": _computed,
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
@@ -90,14 +108,21 @@ def write_report(
     statuses = collections.Counter(case["status"] for case in verdict["cases"])
     order = ("holds", "falls short", "error", "skipped")
     counts = ", ".join(f"{statuses[s]} {s}" for s in order if statuses[s])
-    told = {"verdict": verdict, "results": results, "pictures": pictures or {}, "notes": notes}
+    told = {
+        "verdict": verdict,
+        "results": results,
+        "pictures": pictures or {},
+        "notes": notes,
+    }
     told["overview"] = overview or {}
     page = environment.get_template("report.html.jinja").render(counts=counts, **told)
     write_text(path, page + "\n")
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """Return a number of a JSON file as text, other text unchanged, '' for a missing value."""
+    """Return a number of a JSON file as text, other text unchanged, '' for a missing
+    value.
+    """
     try:
         parsed = float(value)
     except (TypeError, ValueError, jinja2.UndefinedError):
@@ -106,7 +131,9 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def shown(value: Any, unit: str) -> str:
-    """Return a figure of a scene in words: with a unit that suits it, lists as dimensions."""
+    """Return a figure of a scene in words: with a unit that suits it, lists as
+    dimensions.
+    """
     if unit == "" or isinstance(value, bool):
         return str(value)
     values = [float(one) for one in (value if isinstance(value, list) else [value])]
@@ -137,7 +164,14 @@ def _computed(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
     surfaces = max(labels, key=len, default=())
     if rows and len(surfaces) > 1:
         words = f"{len(surfaces)} ({', '.join(surfaces)}); the figures above are of the first"
-        rows.append({"name": "surfaces", "value": surfaces, "meaning": "surfaces", "shown": words})
+        rows.append(
+            {
+                "name": "surfaces",
+                "value": surfaces,
+                "meaning": "surfaces",
+                "shown": words,
+            }
+        )
     return rows
 
 
@@ -145,13 +179,17 @@ def _notes(answers: Mapping[str, Data]) -> list[str]:
     """Return each note of the methods once, with the methods that gave it."""
     methods: dict[str, dict[str, None]] = {}
     for method, answer in answers.items():
-        for note in itertools.chain.from_iterable(one["notes"] for one in answer["members"]):
+        for note in itertools.chain.from_iterable(
+            one["notes"] for one in answer["members"]
+        ):
             methods.setdefault(note, {})[method] = None
     return [f"Note by {', '.join(names)}: {note}." for note, names in methods.items()]
 
 
 def _pictures(folder: Path) -> list[dict[str, str]]:
-    """Return each picture with a caption beside it, as .svg if there are several kinds of it."""
+    """Return each picture with a caption beside it, as .svg if there are several kinds
+    of it.
+    """
     pictures = []
     for caption in sorted(folder.glob("*.txt")):
         kinds = [kind for kind in _MEDIA_TYPES if caption.with_suffix(kind).is_file()]

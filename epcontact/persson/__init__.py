@@ -1,10 +1,11 @@
 """Persson's theory of elastic and elastoplastic contact of isotropic rough surfaces.
 
-`solve` solves a scene.  `Theory` gives curves against magnification and pressure.  The other
-modules are `elastoplastic` (the equations for areas and pressures), `series` (the evaluation of
-their sums), `reduction` (the energy reduction S and the diffusion), `local` (an S that depends on
-the pressure), `roughness` (the moments of a spectrum), `separation` (elastic energy and gaps) and
-`hardness` (a hardness that depends on the magnification).
+`solve` solves a scene.  `Theory` gives curves against magnification and pressure.  The
+other modules are `elastoplastic` (the equations for areas and pressures), `series` (the
+evaluation of their sums), `reduction` (the energy reduction S and the diffusion),
+`local` (an S that depends on the pressure), `roughness` (the moments of a spectrum),
+`separation` (elastic energy and gaps) and `hardness` (a hardness that depends on the
+magnification).
 """
 
 from epcontact.persson.driver import solve
@@ -17,7 +18,12 @@ from epcontact.persson.elastoplastic import (
 from epcontact.persson.hardness import hardness_curve
 from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion
 from epcontact.persson.roughness import analytic_roughness, roughness_of
-from epcontact.persson.theory import MagnificationCurve, PressureCurve, Theory, pressure_curve
+from epcontact.persson.theory import (
+    MagnificationCurve,
+    PressureCurve,
+    Theory,
+    pressure_curve,
+)
 
 __all__ = [
     "ContactAreas",

@@ -1,4 +1,6 @@
-"""Solve a scene by the theory: areas, distribution and separation at every mean pressure."""
+"""Solve a scene by the theory: areas, distribution and separation at every mean
+pressure.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
 from epcontact.persson.theory import Theory, pressure_curve
 from epcontact.persson.validity import expectation
-from epcontact.results import Areas, ContactResult, LoadStep, PressureDistribution, Provenance
+from epcontact.results import (
+    Areas,
+    ContactResult,
+    LoadStep,
+    PressureDistribution,
+    Provenance,
+)
 from epcontact.scene import Scene, Surface
 
 
@@ -25,17 +33,18 @@ def solve(
 ) -> ContactResult:
     """Persson's theory for a scene on a half-space.
 
-    Raw and corrected areas are the same and exact: the theory has no grid.  The rule "local" is
-    solved on one, to 1e-3, and has no diffusion, gap or elastic energy.
+    Raw and corrected areas are the same and exact: the theory has no grid.  The rule
+    "local" is solved on one, to 1e-3, and has no diffusion, gap or elastic energy.
 
     Args:
         scene: An isotropic surface on a half-space under non-decreasing loads.
         energy_reduction, spectrum, reduction: See `Theory.of_scene`.
-        points: Number of pressures at which the distribution of the last load is tabulated.
+        points: Number of pressures at which the distribution of the last load is
+            tabulated.
 
     Raises:
-        InvalidScene: The scene is a line, a layer or an unloading path, or has no analytic
-            spectrum; or gamma is out of range.
+        InvalidScene: The scene is a line, a layer or an unloading path, or has no
+            analytic spectrum; or gamma is out of range.
 
     Example:
         >>> from epcontact import Load, Material, Scene, SelfAffineSpectrum
@@ -63,7 +72,9 @@ def solve(
         method="persson",
         steps=steps,
         provenance=Provenance(scene.digest, scene.surface.seed, options),
-        distribution=PressureDistribution(curve.pressure, curve.cumulative, curve.plastic),
+        distribution=PressureDistribution(
+            curve.pressure, curve.cumulative, curve.plastic
+        ),
         cost={"seconds": time.perf_counter() - started, "unknowns": 0},
         notes=(
             *scene.surface.notes,
@@ -84,7 +95,9 @@ def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
     else:
         diffusion = float(theory.diffusion(mean_pressure))
         shares = areas(diffusion, mean_pressure, hardness)
-        at_zero, at_hardness = map(float, boundary_slopes(diffusion, mean_pressure, hardness))
+        at_zero, at_hardness = map(
+            float, boundary_slopes(diffusion, mean_pressure, hardness)
+        )
         elastic = float(elastic_force(diffusion, mean_pressure, hardness))
         more = {
             "diffusion": diffusion,

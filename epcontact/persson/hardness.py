@@ -1,24 +1,27 @@
-"""A hardness that grows with the magnification: diffusion of the stress under a moving wall.
+"""A hardness that grows with the magnification: diffusion of the stress under a moving
+wall.
 
-A solid can be harder on a small scale: sigma_P(zeta) = Y grows with the magnification (indentation
-size effect; work hardening is often cast in the same form).  The stress distribution still
-diffuses, dP/dG = d2P/dsigma2 on (0, Y(G)), P(0) = 0, but the upper wall moves.  The area that flows
-carries Y A_pl.  Force and area are conserved if
+A solid can be harder on a small scale: sigma_P(zeta) = Y grows with the magnification
+(indentation size effect; work hardening is often cast in the same form).  The stress
+distribution still diffuses, dP/dG = d2P/dsigma2 on (0, Y(G)), P(0) = 0, but the upper
+wall moves.  The area that flows carries Y A_pl.  Force and area are conserved if
 
     P(Y) = (dY/dG) A_pl,    dA_pl/dG = -(dY/dG) P(Y) - dP/dsigma(Y)
 
-[Persson, Surf. Sci. Rep. 61, 201 (2006), section 7; Lambert and Brodsky].  At dY/dG = 0 it is
-the wall of constant hardness.  P(Y) >= 0 needs dY/dG >= 0: a falling hardness is refused.
+[Persson, Surf. Sci. Rep. 61, 201 (2006), section 7; Lambert and Brodsky].  At dY/dG = 0
+it is the wall of constant hardness.  P(Y) >= 0 needs dY/dG >= 0: a falling hardness is
+refused.
 
 On x = sigma / Y, with Q = Y P, D = 1/Y^2 and v = d ln Y / dG,
 
     dQ/dG = -dJ/dx,   J = -D dQ/dx - v x Q,   dA_pl/dG = J(1),   Q(1) = v A_pl / D.
 
 It is solved by finite volumes with centred fluxes inside, half cells at the walls, and
-J = 2 D (Q_N - v A_pl / D) / h - v Q_N at the upper wall.  With this flux R = Y Q and B = Y A_pl
-satisfy d/dG (sum x_i R_i h + B) = 0 exactly.  Every Runge-Kutta method keeps a linear invariant,
-so the force is conserved to rounding.  The method in G is the two-stage diagonally implicit one of
-Alexander (1977), which is L-stable and of second order and tolerates a kink in Y.
+J = 2 D (Q_N - v A_pl / D) / h - v Q_N at the upper wall.  With this flux R = Y Q and B
+= Y A_pl satisfy d/dG (sum x_i R_i h + B) = 0 exactly.  Every Runge-Kutta method keeps a
+linear invariant, so the force is conserved to rounding.  The method in G is the
+two-stage diagonally implicit one of Alexander (1977), which is L-stable and of second
+order and tolerates a kink in Y.
 
 The start is a closed form: while (Y - p_0) / (2 sqrt G) > 6 the upper wall is not felt.
 """
@@ -53,12 +56,16 @@ _CELLS_PER_WIDTH = 4
 
 
 class HardnessCurve(NamedTuple):
-    """Areas and sigma_P (n,) at magnifications, and the distribution of pressures at the last."""
+    """Areas and sigma_P (n,) at magnifications, and the distribution of pressures at
+    the last.
+    """
 
     areas: MagnificationCurve
     hardness: FloatArray
     pressures: PressureCurve | None  # None if no point has reached the hardness
-    force_error: float  # the largest relative difference of force and load over all steps
+    force_error: (
+        float  # the largest relative difference of force and load over all steps
+    )
 
 
 def hardness_curve(
@@ -73,11 +80,13 @@ def hardness_curve(
     Args:
         theory: The rough body, with a constant reduction; its own hardness is not used.
         mean_pressure: In Pa.
-        hardness: Function from magnifications (m,) to sigma_P in Pa, which must not decrease.
-        magnifications: (n,), ascending, from 1 to the highest of the roughness; by default 200 in
-            a geometric sequence.
-        resolution: Cells of the pressure and steps of the magnification.  The areas are of second
-            order in both; with the default they are right to 1e-6 at a constant hardness.
+        hardness: Function from magnifications (m,) to sigma_P in Pa, which must not
+            decrease.
+        magnifications: (n,), ascending, from 1 to the highest of the roughness; by
+            default 200 in a geometric sequence.
+        resolution: Cells of the pressure and steps of the magnification.  The areas are
+            of second order in both; with the default they are right to 1e-6 at a
+            constant hardness.
 
     Raises:
         InvalidScene: An argument is out of range, or the cells are too few.
@@ -102,7 +111,9 @@ def hardness_curve(
 
     def path(z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """G and sigma_P at magnifications."""
-        tau = full_contact_diffusion(theory.effective_modulus, variance(z * roughness.lowest))
+        tau = full_contact_diffusion(
+            theory.effective_modulus, variance(z * roughness.lowest)
+        )
         Y = np.broadcast_to(np.asarray(hardness(z), dtype=np.float64), z.shape)
         if not (np.isfinite(Y).all() and (Y > 0).all()):
             raise InvalidScene(
@@ -127,7 +138,9 @@ def hardness_curve(
             elastic[here], plastic[here] = state.elastic, state.plastic
     total, q = elastic + plastic, zeta * roughness.lowest
     curve = MagnificationCurve(zeta, q, G, elastic, plastic, total)
-    return HardnessCurve(curve, Y, None if state is None else _pressures(state), force_error)
+    return HardnessCurve(
+        curve, Y, None if state is None else _pressures(state), force_error
+    )
 
 
 def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray:
@@ -144,14 +157,20 @@ def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray
     return zeta
 
 
-def _continuous_slope_variance(roughness: Roughness) -> Callable[[FloatArray], FloatArray]:
-    """xi^2(q) as a continuous function: the steps at a surface's modes are spread over rings."""
+def _continuous_slope_variance(
+    roughness: Roughness,
+) -> Callable[[FloatArray], FloatArray]:
+    """xi^2(q) as a continuous function: the steps at a surface's modes are spread over
+    rings.
+    """
     edges = np.concatenate([[roughness.lowest], roughness.upper_edge])
     edges = edges[np.concatenate([[True], np.diff(edges) > 0])]
     exact = roughness.slope_variance_up_to
     if (np.diff(exact(np.linspace(edges[0], edges[1], 9))) > 0).all():
         return exact
-    reached = np.concatenate([[0.0], np.cumsum(roughness.slope_variance)])[-edges.size :]
+    reached = np.concatenate([[0.0], np.cumsum(roughness.slope_variance)])[
+        -edges.size :
+    ]
     return lambda q: np.asarray(np.interp(q, edges, reached))
 
 
@@ -161,8 +180,10 @@ def _nodes(
     mean_pressure: float,
     steps: int,
 ) -> FloatArray:
-    """Magnifications of the steps, `zeta` among them; empty if no point reaches the hardness.  From
-    the first, where the upper wall is just not felt, ln G + 2 ln Y grows in equal steps."""
+    """Magnifications of the steps, `zeta` among them; empty if no point reaches the
+    hardness.  From the first, where the upper wall is just not felt, ln G + 2 ln Y
+    grows in equal steps.
+    """
     samples = np.geomspace(1.0, zeta[-1], _SAMPLES)
     G, Y = path(samples)
     if not mean_pressure < Y[0]:
@@ -175,9 +196,13 @@ def _nodes(
     if unfelt == samples.size - 1:
         return samples[:0]
     if G[unfelt] == 0:
-        raise InvalidScene("the roughness at magnification 1 is too much for the theory to start")
+        raise InvalidScene(
+            "the roughness at magnification 1 is too much for the theory to start"
+        )
     share = np.log(G[unfelt:]) + 2 * np.log(Y[unfelt:])
-    even = np.interp(np.linspace(share[0], share[-1], steps + 1), share, samples[unfelt:])
+    even = np.interp(
+        np.linspace(share[0], share[-1], steps + 1), share, samples[unfelt:]
+    )
     return np.union1d(even, zeta[zeta > even[0]])
 
 
@@ -190,7 +215,8 @@ def _refuse_fall(zeta: FloatArray, hardness: FloatArray) -> None:
         )
 
 
-# --- the moving wall -----------------------------------------------------------------------------
+# --- the moving wall
+# -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -228,22 +254,30 @@ def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
     return ((hardness - mean_pressure) / (2 * UNFELT)) ** 2
 
 
-def start(diffusion: float, mean_pressure: float, hardness: float, cells: int) -> StressState:
-    """The state at a diffusion (Pa^2) of at most `unfelt_diffusion`, from the closed form."""
+def start(
+    diffusion: float, mean_pressure: float, hardness: float, cells: int
+) -> StressState:
+    """The state at a diffusion (Pa^2) of at most `unfelt_diffusion`, from the closed
+    form.
+    """
     needed = _CELLS_PER_WIDTH * hardness / math.sqrt(diffusion)
     if cells < needed:
         raise InvalidScene(
             f"{cells} cells do not resolve the pressures where flow begins; {needed:.0f} do"
         )
-    below = pressure_cumulative(np.linspace(0, hardness, cells + 1), diffusion, mean_pressure)
+    below = pressure_cumulative(
+        np.linspace(0, hardness, cells + 1), diffusion, mean_pressure
+    )
     return StressState(np.diff(below) * cells, 0.0, hardness)
 
 
 def evolve(
     state: StressState, diffusion: FloatArray, hardness: FloatArray
 ) -> Iterator[StressState]:
-    """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].  Raises
-    InvalidScene where the hardness (Pa) grows without more roughness, at no finite rate."""
+    """The states at diffusion[1:] (Pa^2), one step each, from `state` at diffusion[0].
+    Raises InvalidScene where the hardness (Pa) grows without more roughness, at no
+    finite rate.
+    """
     G, log_Y = np.asarray(diffusion, dtype=np.float64), np.log(hardness)
     if not (np.diff(G) > 0).all():
         raise InvalidScene(
@@ -257,8 +291,12 @@ def evolve(
         yield state
 
 
-def _step(state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray) -> StressState:
-    """Take a step of the two-stage method in U = (R_1 .. R_n, B), given the pairs at its ends."""
+def _step(
+    state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray
+) -> StressState:
+    """Take a step of the two-stage method in U = (R_1 .. R_n, B), given the pairs at
+    its ends.
+    """
     n = state.density.size
     dG = _GAMMA * (G[1] - G[0])
     U = math.exp(log_Y[0]) * np.append(state.density, state.plastic)
@@ -271,9 +309,10 @@ def _step(state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray
 
 
 def _stage_change(known: FloatArray, dG: float, Y: float, v: float) -> FloatArray:
-    """U - known, where U - dG L U = known and L is the semi-discrete operator at one G.  L is
-    dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B, with J formed from R
-    and B; the bands are those of the matrix 1 - dG L."""
+    """U - known, where U - dG L U = known and L is the semi-discrete operator at one G.
+    L is dR_i/dG = -(J_{i+1/2} - J_{i-1/2}) / h + v R_i and dB/dG = J_{n+1/2} + v B,
+    with J formed from R and B; the bands are those of the matrix 1 - dG L.
+    """
     n = known.size - 1
     h = 1.0 / n
     D = 1 / Y**2

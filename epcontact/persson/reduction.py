@@ -1,21 +1,23 @@
 """The reduction S of elastic energy, and with it the diffusion G of the stress.
 
-In full contact the roughness up to a wave number q gives the pressure half the variance tau, see
-`full_contact_diffusion`.  In partial contact less elastic energy is stored in the contact; the
-theory accounts for it by dG = S dtau, where S depends on the relative contact area A (elastic and
-plastic) at the magnification:
+In full contact the roughness up to a wave number q gives the pressure half the variance
+tau, see `full_contact_diffusion`.  In partial contact less elastic energy is stored in
+the contact; the theory accounts for it by dG = S dtau, where S depends on the relative
+contact area A (elastic and plastic) at the magnification:
 
     constant     S = gamma                                    Almqvist and Persson: gamma = 0.536
     persson      S = gamma + (1 - gamma) A^2                  Yang and Persson (2008): 0.45
     wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4   Wang and Mueser (2017): 5/9
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
-                 one implicit equation instead of a differential one; Xu et al. (2024): 0.42
+                 one implicit equation instead of a differential one; Xu et al. (2024):
+                 0.42
     local        S depends on the pressure, too, so that no G describes the stress: see `local`
 
 A depends on the spectrum through G alone, so the differential equation separates:
-tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by Gauss's
-three-point rule, whose error falls with the sixth power of the step, and inverted step by step by
-Newton's method; as S > 0, tau(G) is monotone and the root is unique.
+tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by
+Gauss's three-point rule, whose error falls with the sixth power of the step, and
+inverted step by step by Newton's method; as S > 0, tau(G) is monotone and the root is
+unique.
 """
 
 from __future__ import annotations
@@ -46,8 +48,8 @@ class EnergyReduction:
     """A rule for S and its parameter gamma, the value of S in the limit of no contact.
 
     Attributes:
-        gamma: Between 0 (wang_muser: 0.011, below which its polynomial is negative at some area),
-            excluded, and 1.
+        gamma: Between 0 (wang_muser: 0.011, below which its polynomial is negative at
+            some area), excluded, and 1.
         rule: One of the rules of this module; "local" is that of `persson.local`.
 
     Raises:
@@ -65,7 +67,9 @@ class EnergyReduction:
         settle(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
-        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G / tau."""
+        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G
+        / tau.
+        """
         A = np.asarray(contact_area, dtype=np.float64)
         g = self.gamma
         match self.rule:
@@ -84,7 +88,9 @@ class EnergyReduction:
                 )
 
 
-def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) -> FloatArray:
+def full_contact_diffusion(
+    effective_modulus: float, slope_variance: ArrayLike
+) -> FloatArray:
     """Diffusion without reduction (S = 1) by equation (2) of the paper:
 
         tau = (pi/4) E*^2 int q^3 C dq = E*^2 xi^2 / 8,   xi^2 = 2 pi int q^3 C dq
@@ -96,7 +102,7 @@ def full_contact_diffusion(effective_modulus: float, slope_variance: ArrayLike) 
     Example:
         >>> float(full_contact_diffusion(250.0, 1.0))  # GPa
         7812.5
-    """  # fmt: skip
+    """
     return np.asarray(effective_modulus**2 / 8 * np.asarray(slope_variance))
 
 
@@ -107,12 +113,15 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.  Raises
-    InvalidScene if tau is not finite or negative, or the mean pressure not between 0 and the
-    hardness."""
+    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.
+    Raises InvalidScene if tau is not finite or negative, or the mean pressure not
+    between 0 and the hardness.
+    """
     tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
-        raise InvalidScene("full_contact_diffusion must hold finite numbers >= 0 in Pa^2")
+        raise InvalidScene(
+            "full_contact_diffusion must hold finite numbers >= 0 in Pa^2"
+        )
     areas(0.0, mean_pressure, hardness)  # checks the pressures
     if reduction.rule in ("constant", "local"):  # of which the second refuses
         return reduction.factor(1.0) * tau
@@ -121,7 +130,9 @@ def reduced_diffusion(
         return reduction.factor(areas(G, mean_pressure, hardness).total)
 
     def xu(G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """G - [gamma + (1 - gamma) A(G)] tau and its derivative; dA/dG is minus the first slope."""
+        """G - [gamma + (1 - gamma) A(G)] tau and its derivative; dA/dG is minus the
+        first slope.
+        """
         loss, _ = boundary_slopes(G, mean_pressure, hardness)
         return G - factor(G) * late, 1 + (1 - reduction.gamma) * late * loss
 
@@ -142,7 +153,9 @@ def reduced_diffusion(
 def _integrate(
     factor: Callable[[FloatArray], FloatArray], tau: FloatArray, edges: FloatArray
 ) -> FloatArray:
-    """G with int dG / S = tau; edges: (n,) of the steps of G; up to the first edge tau = G."""
+    """G with int dG / S = tau; edges: (n,) of the steps of G; up to the first edge tau
+    = G.
+    """
 
     def integral(low: FloatArray, high: FloatArray) -> FloatArray:
         points = low[:, None] + (high - low)[:, None] * _NODES
@@ -151,7 +164,9 @@ def _integrate(
     reached = edges[0] + np.cumsum(integral(edges[:-1], edges[1:]))
     step = np.searchsorted(reached[:-1], tau)
     low, rest = edges[step], tau - np.concatenate([edges[:1], reached])[step]
-    return _newton(lambda G: (integral(low, G) - rest, 1 / factor(G)), low, edges[step + 1])
+    return _newton(
+        lambda G: (integral(low, G) - rest, 1 / factor(G)), low, edges[step + 1]
+    )
 
 
 def _newton(
@@ -159,7 +174,9 @@ def _newton(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Find roots of an increasing function in brackets by its derivative, to 1e-14 of `high`."""
+    """Find roots of an increasing function in brackets by its derivative, to 1e-14 of
+    `high`.
+    """
     x, scale = 0.5 * (low + high), high
     for _ in range(100):
         value, slope = function(x)

@@ -1,9 +1,9 @@
 """The roughness of a surface as the theory uses it: its slope variance by wave number.
 
-A spectrum enters the theory only through xi^2(q) = 2 pi int_{q_0}^q q^3 C dq, which sets the
-diffusion, and through m_1 = 2 pi int q^2 C dq = int dxi^2 / q, which weighs elastic energies.
-Both are known in bands: in closed form for an analytic spectrum, and as sums over the modes of
-each ring for a surface's own.
+A spectrum enters the theory only through xi^2(q) = 2 pi int_{q_0}^q q^3 C dq, which
+sets the diffusion, and through m_1 = 2 pi int q^2 C dq = int dxi^2 / q, which weighs
+elastic energies. Both are known in bands: in closed form for an analytic spectrum, and
+as sums over the modes of each ring for a surface's own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum, Surface, require_kind, require_one_of, whole
+from epcontact.scene import (
+    SelfAffineSpectrum,
+    Surface,
+    require_kind,
+    require_one_of,
+    whole,
+)
 from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
 
@@ -50,8 +56,8 @@ class Roughness:
 def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughness:
     """Bands from q_0 to q_1, each with its exact moments.
 
-    ln q grows with the square of the band's number: near q_0 the pressure of full contact goes
-    to zero like sqrt(q - q_0), and equal ratios would not resolve it.
+    ln q grows with the square of the band's number: near q_0 the pressure of full
+    contact goes to zero like sqrt(q - q_0), and equal ratios would not resolve it.
 
     Raises:
         InvalidScene: The spectrum has no width, or the number of bands is less than 1.
@@ -81,11 +87,13 @@ def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Rough
 
     Args:
         surface: Heights over two directions.
-        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for the
-            surface's own modes, with q_0 of its longest period and a band for each ring.
+        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface"
+            for the surface's own modes, with q_0 of its longest period and a band for
+            each ring.
 
     Raises:
-        InvalidScene: The surface is a line or has no analytic spectrum, or the kind is unknown.
+        InvalidScene: The surface is a line or has no analytic spectrum, or the kind is
+            unknown.
 
     Example:
         >>> from epcontact import SelfAffineSpectrum

@@ -1,4 +1,6 @@
-"""The theory of one rough body: diffusion, areas and pressures at any load and magnification."""
+"""The theory of one rough body: diffusion, areas and pressures at any load and
+magnification.
+"""
 
 from __future__ import annotations
 
@@ -23,19 +25,26 @@ from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
 from epcontact.scene import Scene, array, check_loading, require_kind, whole
 
-#: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 / 4) = 2e-16.
+#: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 /
+#: 4) = 2e-16.
 _TAIL = 12.0
 
 
 class Curve:
-    """Arrays of one shape (n,), each annotated by the name of its column with the unit."""
+    """Arrays of one shape (n,), each annotated by the name of its column with the
+    unit.
+    """
 
     def columns(self) -> dict[str, FloatArray]:
         """The columns by name and unit, for a table in CSV or JSON."""
         hints = get_type_hints(type(self), include_extras=True)
-        names = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+        names = {
+            name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()
+        }
         return {
-            column: getattr(self, name) for name, columns in names.items() for column in columns
+            column: getattr(self, name)
+            for name, columns in names.items()
+            for column in columns
         }
 
 
@@ -53,7 +62,9 @@ class MagnificationCurve(Curve):
 
 @dataclass(frozen=True)
 class PressureCurve(Curve):
-    """The share of the nominal area in elastic contact at (0, pressure], and at the hardness."""
+    """The share of the nominal area in elastic contact at (0, pressure], and at the
+    hardness.
+    """
 
     pressure: Annotated[FloatArray, "pressure_Pa"]
     density: Annotated[FloatArray, "density_per_Pa"]
@@ -62,12 +73,16 @@ class PressureCurve(Curve):
 
 
 def pressure_curve(
-    diffusion: float, mean_pressure: float, hardness: float = math.inf, points: int = 1025
+    diffusion: float,
+    mean_pressure: float,
+    hardness: float = math.inf,
+    points: int = 1025,
 ) -> PressureCurve:
     """The distribution at equally spaced pressures, from 0 to the hardness.
 
-    An elastic distribution is tabulated up to where it has vanished.  Without roughness (no
-    diffusion) all of the area is at the mean pressure, and the density is infinite there.
+    An elastic distribution is tabulated up to where it has vanished.  Without roughness
+    (no diffusion) all of the area is at the mean pressure, and the density is infinite
+    there.
 
     Args:
         diffusion: G in Pa^2.
@@ -91,7 +106,9 @@ def pressure_curve(
     last = hardness if math.isfinite(hardness) else faded
     pressure = np.linspace(0.0, last, whole("points", points, 2))
     walk = (pressure, diffusion, mean_pressure, hardness)
-    return PressureCurve(pressure, pressure_density(*walk), pressure_cumulative(*walk), plastic)
+    return PressureCurve(
+        pressure, pressure_density(*walk), pressure_cumulative(*walk), plastic
+    )
 
 
 @dataclass(frozen=True)
@@ -99,8 +116,8 @@ class Theory:
     """Persson's theory of one rough body on a half-space.
 
     Attributes:
-        roughness: Slope variance by wave number.
-        effective_modulus, hardness: E* and sigma_P in Pa; an elastic body's hardness is infinite.
+        roughness: Slope variance by wave number. effective_modulus, hardness: E* and
+        sigma_P in Pa; an elastic body's hardness is infinite.
         reduction: The reduction S of elastic energy in the diffusion.
 
     Example:
@@ -133,13 +150,13 @@ class Theory:
         Args:
             scene: An isotropic surface on a half-space under non-decreasing loads.
             energy_reduction: gamma, between 0 (excluded) and 1.
-            spectrum: "analytic" for the spectrum that the surface was drawn from, "surface" for
-                the surface's own.
+            spectrum: "analytic" for the spectrum that the surface was drawn from,
+                "surface" for the surface's own.
             reduction: The rule by which gamma enters, see `persson.reduction`.
 
         Raises:
-            InvalidScene: The scene is a line, a layer or an unloading path, or has no analytic
-                spectrum; or gamma is out of range.
+            InvalidScene: The scene is a line, a layer or an unloading path, or has no
+                analytic spectrum; or gamma is out of range.
         """
         require_kind("scene", scene, Scene)
         if scene.body.kind != "half_space":
@@ -154,9 +171,13 @@ class Theory:
             scene.material.hardness,
         )
 
-    def diffusion(self, mean_pressure: float, magnification: ArrayLike | None = None) -> FloatArray:
-        """G in Pa^2 at magnifications of any shape (at least 1); by default of all roughness.  With
-        the rule "local", which has no G, it is the diffusion of full contact."""
+    def diffusion(
+        self, mean_pressure: float, magnification: ArrayLike | None = None
+    ) -> FloatArray:
+        """G in Pa^2 at magnifications of any shape (at least 1); by default of all
+        roughness.  With the rule "local", which has no G, it is the diffusion of full
+        contact.
+        """
         variance: ArrayLike = self.roughness.rms_slope**2
         if magnification is not None:
             zeta = array("magnification", magnification)
@@ -177,17 +198,22 @@ class Theory:
     ) -> MagnificationCurve:
         """Areas against magnifications (n,) of at least 1, at a mean pressure in Pa.
 
-        By default they are 1000 in a geometric sequence, up to the highest of the roughness.
+        By default they are 1000 in a geometric sequence, up to the highest of the
+        roughness.
         """
         if magnifications is None:
-            magnifications = np.geomspace(1.0, self.roughness.highest / self.roughness.lowest, 1000)
+            magnifications = np.geomspace(
+                1.0, self.roughness.highest / self.roughness.lowest, 1000
+            )
         zeta = np.atleast_1d(array("magnifications", magnifications))
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
         G, q = self.diffusion(mean_pressure, zeta), zeta * self.roughness.lowest
         if self.reduction.rule == "local":
             # Linear interpolation between so many steps is right to 1e-4.
-            state = self.local_state(mean_pressure, resolution=(RESOLUTION[0], 4 * RESOLUTION[1]))
+            state = self.local_state(
+                mean_pressure, resolution=(RESOLUTION[0], 4 * RESOLUTION[1])
+            )
             found = state.at(G)
         else:
             found = areas(G, mean_pressure, self.hardness)
@@ -196,7 +222,9 @@ class Theory:
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None
     ) -> PressureCurve:
-        """The distribution of the pressure at a magnification, by default of all roughness."""
+        """The distribution of the pressure at a magnification, by default of all
+        roughness.
+        """
         G = float(self.diffusion(mean_pressure, magnification))
         if self.reduction.rule != "local" or G == 0:
             return pressure_curve(G, mean_pressure, self.hardness)
@@ -205,10 +233,14 @@ class Theory:
         return PressureCurve(state.pressure, state.density, state.cumulative, plastic)
 
     def local_state(
-        self, mean_pressure: float, end: float = math.inf,
+        self,
+        mean_pressure: float,
+        end: float = math.inf,
         resolution: tuple[int, int] = RESOLUTION,
-    ) -> LocalState:  # fmt: skip
-        """The stress by the rule "local" up to a diffusion of full contact (default: the last)."""
+    ) -> LocalState:
+        """The stress by the rule "local" up to a diffusion of full contact (default:
+        the last).
+        """
         if self.roughness.rms_slope == 0:
             raise InvalidScene("the surface is flat, but the rule 'local' needs slopes")
         variance, breadth = breadths(self.roughness)

@@ -1,8 +1,8 @@
 """The cheapest model of a scene that meets a tolerance.
 
-`plan` chooses the model by a few pilot solves, `planned_case` applies it to the case, and
-`achieved_error` judges its answer by that to `finer_case`.  `auto_case` and `load_auto` make a case
-as cheap as its gates allow.
+`plan` chooses the model by a few pilot solves, `planned_case` applies it to the case,
+and `achieved_error` judges its answer by that to `finer_case`.  `auto_case` and
+`load_auto` make a case as cheap as its gates allow.
 """
 
 from epcontact.planning.plan import (
@@ -15,4 +15,12 @@ from epcontact.planning.plan import (
     planned_case,
 )
 
-__all__ = ["Plan", "achieved_error", "auto_case", "finer_case", "load_auto", "plan", "planned_case"]
+__all__ = [
+    "Plan",
+    "achieved_error",
+    "auto_case",
+    "finer_case",
+    "load_auto",
+    "plan",
+    "planned_case",
+]

@@ -1,9 +1,10 @@
 """Exact solutions: formulas, and the closed forms that gates use.
 
-Each file holds one theme: `waves`, `bumps`, `posts`, `layers`, `roughness`; `conductance` holds
-laws.  Its formulas work on plain numbers; its closed forms apply them to a scene's own
-heights, material and load.  A closed form refuses a scene that it does not describe.  It measures
-an amplitude or a radius on the heights, so that it shares nothing with the recipe that made them.
+Each file holds one theme: `waves`, `bumps`, `posts`, `layers`, `roughness`;
+`conductance` holds laws.  Its formulas work on plain numbers; its closed forms apply
+them to a scene's own heights, material and load.  A closed form refuses a scene that it
+does not describe.  It measures an amplitude or a radius on the heights, so that it
+shares nothing with the recipe that made them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""What a rough joint conducts: the laws of textbooks, and a formula fitted to boundary elements.
+"""What a rough joint conducts: the laws of textbooks, and a formula fitted to boundary
+elements.
 
-P = mean pressure, H = hardness, E* = effective modulus, sigma = rms height, xi = rms slope, k_s =
-2 k_1 k_2/(k_1 + k_2), of both bodies together; m = xi/sqrt(pi) is the mean absolute slope of a
-profile of Gaussian isotropic heights.  Every law gives y = sigma h/(k_s m) as a function of the
-load P/H and the hardness H/(E* xi).
+P = mean pressure, H = hardness, E* = effective modulus, sigma = rms height, xi = rms
+slope, k_s = 2 k_1 k_2/(k_1 + k_2), of both bodies together; m = xi/sqrt(pi) is the mean
+absolute slope of a profile of Gaussian isotropic heights.  Every law gives y = sigma
+h/(k_s m) as a function of the load P/H and the hardness H/(E* xi).
 
 Cooper, Mikic and Yovanovich, Int. J. Heat Mass Transfer 12, 279 (1969), for flow, as the Mechanical
 Engineers' Handbook, vol. 4, Cooling Electronic Equipment, eq. (8a) has it: y = 1.25 (P/H)^.95.
@@ -29,10 +30,11 @@ from epcontact.reference.roughness import rms_slope as slope_of
 from epcontact.results import FloatArray
 from epcontact.scene import Scene, positive
 
-# The constants of `fitted` and its relative error at 95 %, by `python -m laboratory.conductance`.
+# The constants of `fitted` and its relative error at 95 %, by `python -m
+# laboratory.conductance`.
 FACTOR, ELASTIC, CLUSTER, ERROR = 0.853, 2.76, 40.1, 0.1
-#: Where the error holds at every place of the table: P/H, H/(E* xi), the longest over the shortest
-#: wave, and the contact area.
+#: Where the error holds at every place of the table: P/H, H/(E* xi), the longest over
+#: the shortest wave, and the contact area.
 LOADS, HARDNESSES, BREADTHS, FULL = (1e-3, 0.25), (0.03, 1.0), (2.0, 12.0), 0.25
 _GAMMA = 0.48
 #: xi over the mean absolute slope m of a profile, for Gaussian isotropic heights.
@@ -45,21 +47,26 @@ Law = Callable[[Values, Values], Values]
 #: y of the load and the hardness, by the names of the laws.
 LAWS: dict[str, Law] = {
     "Cooper-Mikic-Yovanovich": lambda load, hardness: 1.25 * load**0.95 + 0 * hardness,
-    "Mikic, elastic": lambda load, hardness: 1.55 * (2**0.5 * PROFILE * load * hardness) ** 0.94,
+    "Mikic, elastic": lambda load, hardness: (
+        1.55 * (2**0.5 * PROFILE * load * hardness) ** 0.94
+    ),
     "Persson, elastic": lambda load, hardness: PROFILE * load * hardness / _GAMMA,
 }
 
 
 def contact_area(load: Values, hardness: Values) -> Values:
-    """About the share in contact: P/H where all flows, 2 P/(E* xi) where nothing does."""
+    """About the share in contact: P/H where all flows, 2 P/(E* xi) where nothing
+    does.
+    """
     return load * np.hypot(1, 2 * hardness)
 
 
 def fitted(load: Values, hardness: Values, breadth: Values) -> Values:
     """y of elastic and of flowing joints.
 
-    Spots conduct as a power of the load, and of a broad spectrum they lie in clusters, which adds a
-    resistance in proportion to the breadth.  (1 - A)^1.5 is what is left between crowded spots.
+    Spots conduct as a power of the load, and of a broad spectrum they lie in clusters,
+    which adds a resistance in proportion to the breadth.  (1 - A)^1.5 is what is left
+    between crowded spots.
     """
     spots = load * np.hypot(1 / (1 + breadth / CLUSTER), ELASTIC * hardness)
     return FACTOR * spots ** (7 / 8) / (1 - contact_area(load, hardness)) ** 1.5
@@ -71,8 +78,8 @@ class JointConductance:
 
     Attributes:
         value: per nominal area, in W/(m^2 K), or in S/m^2 of electrical conductivities.
-        interval: in which the mean of large joints lies at 95 %, in the same unit; errors of the
-            roughness, hardness and modulus that were given come on top.
+        interval: in which the mean of large joints lies at 95 %, in the same unit;
+            errors of the roughness, hardness and modulus that were given come on top.
         laws: what each of LAWS says, in the same unit.
         load: P/H.
         hardness: H/(E* xi); small numbers flow, large ones are elastic.
@@ -111,15 +118,18 @@ def joint_conductance(
     Args:
         conductivities: k_1 and k_2 in W/(m K), or electrical ones in S/m.
         rms_height: sigma in m.
-        rms_slope: xi of the gradient, sqrt(pi) times the mean absolute slope of a profile.
+        rms_slope: xi of the gradient, sqrt(pi) times the mean absolute slope of a
+            profile.
         hardness: H of the softer body in Pa, of indents as small as the spots.
-        effective_modulus: E* of both bodies in Pa, 1/E* = (1 - nu_1^2)/E_1 + (1 - nu_2^2)/E_2.
+        effective_modulus: E* of both bodies in Pa, 1/E* = (1 - nu_1^2)/E_1 + (1 -
+            nu_2^2)/E_2.
         mean_pressure: P in Pa, the force over the nominal area.
-        breadth: wavelength of the roll-off over the shortest in the slope; None: any of BREADTHS,
-            for which the interval is wider.
+        breadth: wavelength of the roll-off over the shortest in the slope; None: any of
+            BREADTHS, for which the interval is wider.
 
     Raises:
-        InvalidScene: if a value is no positive number, or is where the formula was not judged.
+        InvalidScene: if a value is no positive number, or is where the formula was not
+            judged.
 
     Example:
         >>> found = joint_conductance(conductivities=(16, 200), rms_height=1e-6, rms_slope=0.15,
@@ -128,11 +138,22 @@ def joint_conductance(
         (17700.0, [16100.0, 19500.0])
     """
     if isinstance(conductivities, Mapping | str) or np.shape(conductivities) != (2,):
-        raise InvalidScene(f"conductivities is {conductivities!r}, but must be those of two bodies")
+        raise InvalidScene(
+            f"conductivities is {conductivities!r}, but must be those of two bodies"
+        )
     k1, k2 = (positive("conductivities", k, "W/(m K)") for k in conductivities)
-    sigma, xi = positive("rms_height", rms_height, "m"), positive("rms_slope", rms_slope, "m/m")
-    H, P = positive("hardness", hardness, "Pa"), positive("mean_pressure", mean_pressure, "Pa")
-    load, ratio = P / H, H / (positive("effective_modulus", effective_modulus, "Pa") * xi)
+    sigma, xi = (
+        positive("rms_height", rms_height, "m"),
+        positive("rms_slope", rms_slope, "m/m"),
+    )
+    H, P = (
+        positive("hardness", hardness, "Pa"),
+        positive("mean_pressure", mean_pressure, "Pa"),
+    )
+    load, ratio = (
+        P / H,
+        H / (positive("effective_modulus", effective_modulus, "Pa") * xi),
+    )
     ends = BREADTHS if breadth is None else (positive("breadth", breadth, "–"),) * 2
     _judged(load, ratio, *ends)
     unit = harmonic_mean(k1, k2) * xi / (PROFILE * sigma)
@@ -143,7 +164,9 @@ def joint_conductance(
 
 
 def harmonic_mean(one: float, other: float) -> float:
-    """k_s of two half-spaces in series, each of which has a half of the resistance of a spot."""
+    """k_s of two half-spaces in series, each of which has a half of the resistance of a
+    spot.
+    """
     return 2 * one * other / (one + other)
 
 
@@ -160,7 +183,8 @@ def _judged(load: float, hardness: float, *breadths: float) -> None:
             )
 
 
-# --- for gates -----------------------------------------------------------------------------------
+# --- for gates
+# -----------------------------------------------------------------------------------
 
 COOPER_MIKIC_YOVANOVICH = ClosedForm(
     "cooper_mikic_yovanovich",
@@ -174,7 +198,9 @@ MIKIC = ClosedForm("mikic", _MIKIC, exact=False)
 def _by_law(form: ClosedForm, name: str) -> None:
     @form.gives("quantity.conductance")
     def _answer(scene: Scene) -> float:
-        """Conductance per nominal area times the sum of the resistivities, 2 h/k_s, in 1/m."""
+        """Conductance per nominal area times the sum of the resistivities, 2 h/k_s, in
+        1/m.
+        """
         H, surface, xi = scene.material.hardness, scene.surface, slope_of(scene)
         rough = scene.body.kind == "half_space" and surface.heights.ndim == 2 and xi > 0
         form.needs(rough and math.isfinite(H), "a rough half-space with a hardness")

@@ -1,4 +1,6 @@
-"""A closed form for gates: exact scalars, fields and pressures of the scenes that it describes."""
+"""A closed form for gates: exact scalars, fields and pressures of the scenes that it
+describes.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ Answer = TypeVar("Answer", bound=Callable[[Scene], Any])
 class ClosedForm:
     """An exact solution by the name that gates use, and its source.
 
-    Functions of the scene belong to it by the decorator `gives`.  One that is not `exact` is a
-    law that others published.
+    Functions of the scene belong to it by the decorator `gives`.  One that is not
+    `exact` is a law that others published.
     """
 
     def __init__(self, name: str, source: str, *, exact: bool = True) -> None:
@@ -28,14 +30,17 @@ class ClosedForm:
         self._answers: dict[str, Callable[[Scene], Any]] = {}
 
     def gives(self, *quantities: str) -> Callable[[Answer], Answer]:
-        """Decorate a function of the scene by the quantities that it gives, and gates can read.
+        """Decorate a function of the scene by the quantities that it gives, and gates
+        can read.
 
         An area is the exact value of both of a method's estimates, raw and corrected.
         """
 
         def register(answer: Answer) -> Answer:
             for quantity in quantities:
-                kinds = (".raw", ".corrected") if quantity.startswith("area.") else ("",)
+                kinds = (
+                    (".raw", ".corrected") if quantity.startswith("area.") else ("",)
+                )
                 self._answers.update({quantity + kind: answer for kind in kinds})
             return answer
 
@@ -50,7 +55,8 @@ class ClosedForm:
         """True if a gate can read `quantity` of this form."""
         return quantity in self._answers
 
-    # Each of these raises InvalidCase if the form does not know what is asked, or the scene.
+    # Each of these raises InvalidCase if the form does not know what is asked, or the
+    # scene.
 
     def scalar(self, quantity: str, scene: Scene) -> float:
         """The value of a quantity."""
@@ -74,7 +80,9 @@ class ClosedForm:
 
     def elastic_half_space(self, scene: Scene) -> float:
         """Return E* of an elastic half-space; raise InvalidCase for another scene."""
-        elastic = scene.material.hardness == math.inf and scene.body.kind == "half_space"
+        elastic = (
+            scene.material.hardness == math.inf and scene.body.kind == "half_space"
+        )
         self.needs(elastic, "an elastic half-space")
         return effective_modulus(scene.material)
 

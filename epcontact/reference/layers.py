@@ -1,19 +1,20 @@
 """Contacts without a rim: full contact of half-space and layers, and the flat surface.
 
-The compliance of an elastic layer on a rigid base is computed mode by mode from the plane strain
-boundary-value problem, so that it can check the closed form of another module.  With depth z
-downward, Airy's function phi = f(z) cos(q x) and
+The compliance of an elastic layer on a rigid base is computed mode by mode from the
+plane strain boundary-value problem, so that it can check the closed form of another
+module.  With depth z downward, Airy's function phi = f(z) cos(q x) and
     f = (A + B q z) e^(-q z) + (C + D q (d - z)) e^(-q (d - z))
 gives sigma_zz = -q^2 f cos, sigma_xz = q f' sin, sigma_xx = f'' cos, and with
 k = nu/(1 - nu), s = 1/E* = (1 - nu^2)/E, m = 2 (1 + nu)/E the displacements
     u_x = (s/q) [f'' + k q^2 f] sin,    u_z = {(s/q^2) [f''' + k q^2 f'] - m f'} cos.
-The load sigma_zz = -p cos at z = 0 without shear is f = p/q^2, f' = 0; the base is bonded,
-u_x = u_z = 0, or slides without friction, f' = u_z = 0.  Both exponentials decay into the
-layer, so that the 4 x 4 system stays well conditioned however deep the layer is.  The same
-compliance serves a two-dimensional surface with q = |q| (rotate x into the wave vector).
+The load sigma_zz = -p cos at z = 0 without shear is f = p/q^2, f' = 0; the base is
+bonded, u_x = u_z = 0, or slides without friction, f' = u_z = 0.  Both exponentials
+decay into the layer, so that the 4 x 4 system stays well conditioned however deep the
+layer is.  The same compliance serves a two-dimensional surface with q = |q| (rotate x
+into the wave vector).
 
-Symbols: q = wavenumber (rad/m), d = depth (m), E = young_modulus (Pa), nu = poisson_ratio,
-M = oedometric modulus (Pa), Y = yield_stress (Pa).
+Symbols: q = wavenumber (rad/m), d = depth (m), E = young_modulus (Pa), nu =
+poisson_ratio, M = oedometric modulus (Pa), Y = yield_stress (Pa).
 """
 
 from __future__ import annotations
@@ -31,10 +32,12 @@ from epcontact.scene import Material, Scene
 FULL_CONTACT = ClosedForm(
     "full_contact", "Johnson, Contact Mechanics (1985), section 13.2: p_q = h_q / C(q)"
 )
-# Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) < 1e-13.
+# Beyond this q d a layer equals the half-space in float64: 4 (q d)^2 e^(-2 q d) <
+# 1e-13.
 _DEEP = 20.0
 
-# --- formulas -------------------------------------------------------------------------------------
+# --- formulas
+# -------------------------------------------------------------------------------------
 
 
 def surface_compliance(
@@ -45,7 +48,9 @@ def surface_compliance(
     *,
     bonded: bool = True,
 ) -> FloatArray:
-    """Surface displacement per pressure, u_q/p_q in m/Pa, at each q > 0; right to 1e-16/(q d)^3."""
+    """Surface displacement per pressure, u_q/p_q in m/Pa, at each q > 0; right to
+    1e-16/(q d)^3.
+    """
     q = np.atleast_1d(np.asarray(wavenumber, dtype=np.float64))
     x = (q * depth).ravel()
     value_0, value_d = _basis(np.zeros_like(x), x), _basis(x, x)
@@ -65,25 +70,39 @@ def surface_compliance(
 
 
 def _basis(x: FloatArray, depth: FloatArray) -> FloatArray:
-    """Derivatives 0 to 3 (in units of q) of the four functions of f at q z = x: (4, n, 4)."""
+    """Derivatives 0 to 3 (in units of q) of the four functions of f at q z = x: (4, n,
+    4).
+    """
     y = depth - x
     down, up = np.exp(-x), np.exp(-y)
-    rows = [((-1) ** n * down, (-1) ** n * (x - n) * down, up, (y - n) * up) for n in range(4)]
+    rows = [
+        ((-1) ** n * down, (-1) ** n * (x - n) * down, up, (y - n) * up)
+        for n in range(4)
+    ]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
 def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) -> float:
-    """d/M in m/Pa, M = E (1 - nu)/((1 + nu)(1 - 2 nu)): uniaxial strain (Lame), mode q = 0."""
+    """d/M in m/Pa, M = E (1 - nu)/((1 + nu)(1 - 2 nu)): uniaxial strain (Lame), mode q
+    = 0.
+    """
     nu = poisson_ratio
     return depth * (1 + nu) * (1 - 2 * nu) / (young_modulus * (1 - nu))
 
 
 def uniaxial_yield_pressure(material: Material) -> float:
-    """Pressure in Pa at which a layer in uniaxial strain yields, by von Mises and by Tresca."""
-    return material.yield_stress * (1 - material.poisson_ratio) / (1 - 2 * material.poisson_ratio)
+    """Pressure in Pa at which a layer in uniaxial strain yields, by von Mises and by
+    Tresca.
+    """
+    return (
+        material.yield_stress
+        * (1 - material.poisson_ratio)
+        / (1 - 2 * material.poisson_ratio)
+    )
 
 
-# --- full contact ---------------------------------------------------------------------------------
+# --- full contact
+# ---------------------------------------------------------------------------------
 
 
 def compliance(scene: Scene) -> FloatArray:
@@ -116,7 +135,9 @@ def _full_pressure(scene: Scene) -> FloatArray:
     C.flat[0] = math.inf
     heights = scene.surface.heights
     modes = np.fft.rfftn(heights) / C
-    pressure = scene.load.final + np.fft.irfftn(modes, heights.shape, axes=range(heights.ndim))
+    pressure = scene.load.final + np.fft.irfftn(
+        modes, heights.shape, axes=range(heights.ndim)
+    )
     fits = pressure.min() >= 0 and pressure.max() <= scene.material.hardness
     FULL_CONTACT.needs(bool(fits), "a load that closes every gap without yielding")
     return np.asarray(pressure)
@@ -128,7 +149,9 @@ def _all_of_it(scene: Scene) -> float:
     return 1.0
 
 
-FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")(lambda scene: 1 - _all_of_it(scene))
+FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")(
+    lambda scene: 1 - _all_of_it(scene)
+)
 
 
 @FULL_CONTACT.gives("quantity.elastic_energy")
@@ -143,14 +166,19 @@ def _full_energy(scene: Scene) -> float:
 def _full_distribution(scene: Scene) -> PressureDistribution:
     pressure = np.sort(_full_pressure(scene), axis=None)
     steps = np.arange(1, pressure.size + 1) / pressure.size
-    return PressureDistribution(np.concatenate([[0], pressure]), np.concatenate([[0], steps]))
+    return PressureDistribution(
+        np.concatenate([[0], pressure]), np.concatenate([[0], steps])
+    )
 
 
-# --- a flat surface ------------------------------------------------------------------------------
+# --- a flat surface
+# ------------------------------------------------------------------------------
 
 
 class _Flat(ClosedForm):
-    """A level layer.  Its uniform pressure is given for any scene, to measure distances from it."""
+    """A level layer.  Its uniform pressure is given for any scene, to measure distances
+    from it.
+    """
 
     def scalar(self, quantity: str, scene: Scene) -> float:
         rough = effective_modulus(scene.material) * scene.surface.rms_slope
@@ -164,7 +192,9 @@ FLAT = _Flat("flat", "a level layer under uniform pressure, in uniaxial strain (
 
 @FLAT.gives("area.plastic", "quantity.plastic_volume")
 def _flow(scene: Scene) -> float:
-    """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else 0."""
+    """1 if a layer of J2 flow in uniaxial strain has yielded along the load path, else
+    0.
+    """
     return float(max(scene.load.path) > uniaxial_yield_pressure(scene.material))
 
 
@@ -174,13 +204,17 @@ FLAT.gives("quantity.plastic_depth")(lambda scene: _flow(scene) * scene.body.dep
 FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")(
     lambda scene: scene.load.final
 )
-FLAT.gives("field.pressure")(lambda scene: np.full(scene.surface.shape, scene.load.final))
+FLAT.gives("field.pressure")(
+    lambda scene: np.full(scene.surface.shape, scene.load.final)
+)
 
 
 @FLAT.gives("distribution")
 def _flat_distribution(scene: Scene) -> PressureDistribution:
     p0 = scene.load.final
-    return PressureDistribution(np.array([0, p0 * (1 - 1e-12), p0]), np.array([0.0, 0.0, 1.0]))
+    return PressureDistribution(
+        np.array([0, p0 * (1 - 1e-12), p0]), np.array([0.0, 0.0, 1.0])
+    )
 
 
 def _bulk_modulus(material: Material) -> float:
@@ -189,8 +223,10 @@ def _bulk_modulus(material: Material) -> float:
 
 @FLAT.gives("quantity.approach")
 def _compression(scene: Scene) -> float:
-    """The approach of a layer in m: p d/M up to the yield pressure, with the bulk modulus beyond;
-    unloading is elastic while the pressure falls by less than twice the yield pressure."""
+    """The approach of a layer in m: p d/M up to the yield pressure, with the bulk
+    modulus beyond; unloading is elastic while the pressure falls by less than twice the
+    yield pressure.
+    """
     material, depth, path = scene.material, scene.body.depth, scene.load.path
     M, top, last = oedometric_modulus(material), max(path), path[-1]
     yields = uniaxial_yield_pressure(material)
@@ -205,7 +241,9 @@ def _compression(scene: Scene) -> float:
 
 @FLAT.gives("quantity.largest_plastic_strain")
 def _plastic_strain(scene: Scene) -> float:
-    """The equivalent plastic strain: two thirds (the deviatoric part) of the strain since yield."""
+    """The equivalent plastic strain: two thirds (the deviatoric part) of the strain
+    since yield.
+    """
     beyond = max(0.0, max(scene.load.path) - uniaxial_yield_pressure(scene.material))
     return 2 / 3 * beyond / _bulk_modulus(scene.material)
 
@@ -219,8 +257,9 @@ def _spent(scene: Scene) -> float:
 
 @FLAT.gives("quantity.elastic_energy")
 def _stored(scene: Scene) -> float:
-    """Elastic energy of a layer in uniaxial strain, (p^2/(2 K) + q^2/(6 mu)) d: q, the difference
-    of the principal stresses, is held at Y by flow."""
+    """Elastic energy of a layer in uniaxial strain, (p^2/(2 K) + q^2/(6 mu)) d: q, the
+    difference of the principal stresses, is held at Y by flow.
+    """
     material, path = scene.material, scene.load.path
     M, bulk = oedometric_modulus(material), _bulk_modulus(material)
     shear = material.young_modulus / (2 * (1 + material.poisson_ratio))

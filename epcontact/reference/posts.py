@@ -1,11 +1,13 @@
-"""One flat post a period, pressed without friction: formulas, and the closed forms for gates.
+"""One flat post a period, pressed without friction: formulas, and the closed forms for
+gates.
 
 Symbols: F = force (N), P' = force per length (N/m), a = radius or half-width (m), E* =
-effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardness (Pa).
+effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardness
+(Pa).
 
 Sources: Johnson, Contact Mechanics (1985), sections 2.8 and 3.4.  The periodic strip is
-Westergaard's stress function for a row of cracks (1939); the capped strip is the counterpart of a
-row of cracks with Dugdale's zones (Smith 1965).
+Westergaard's stress function for a row of cracks (1939); the capped strip is the
+counterpart of a row of cracks with Dugdale's zones (Smith 1965).
 """
 
 from __future__ import annotations
@@ -25,14 +27,17 @@ FLAT_PUNCH = ClosedForm(
     "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
 )
 CAPPED_STRIP = ClosedForm(
-    "capped_strip", "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)"
+    "capped_strip",
+    "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
 )
 
 
 def strip_pressure_periodic(
     distance: FloatArray, force_per_length: float, half_width: float, period: float
 ) -> FloatArray:
-    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa, t = pi x/L; infinite at the rim."""
+    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa, t = pi x/L; infinite at the
+    rim.
+    """
     angle = np.pi * np.asarray(distance) / period
     depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
     with np.errstate(divide="ignore"):
@@ -41,13 +46,17 @@ def strip_pressure_periodic(
 
 
 def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
-    """Share of the post's points, and the half-width of a strip or radius of a disc (m) of it."""
+    """Share of the post's points, and the half-width of a strip or radius of a disc (m)
+    of it.
+    """
     form.needs(scene.body.kind == "half_space", "a half-space")
     heights, period = scene.surface.heights, scene.surface.periods[0]
     share = float((heights == heights.max()).mean())
     flat = np.unique(heights).size == 2 and share < 0.9
     form.needs(flat and len(set(scene.surface.periods)) == 1, "a flat post on a floor")
-    return share, share * period / 2 if heights.ndim == 1 else period * math.sqrt(share / math.pi)
+    return share, share * period / 2 if heights.ndim == 1 else period * math.sqrt(
+        share / math.pi
+    )
 
 
 FLAT_PUNCH.gives("area.total")(lambda scene: _post(scene, FLAT_PUNCH)[0])
@@ -56,13 +65,17 @@ FLAT_PUNCH.gives("area.total")(lambda scene: _post(scene, FLAT_PUNCH)[0])
 def _stiffness(half_width: float, scene: Scene) -> float:
     """Of a row of elastic strips, pi E*/(2 L ln(1/sin(pi a/L))), in Pa/m."""
     E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    return -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
+    return (
+        -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
+    )
 
 
 def _post_stiffness(scene: Scene) -> float:
-    """Of the row of strips; of discs 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 + (S_3/3)(a/L)^2]), whose
-    images act on the disc and are discs themselves, each with <r^2> = 2 a^2/3 under its pressure;
-    what follows, 3.2 (a/L)^6 in the brackets, is 3e-4 of the whole at a/L = 1/4 and 2e-2 at .4."""
+    """Of the row of strips; of discs 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 +
+    (S_3/3)(a/L)^2]), whose images act on the disc and are discs themselves, each with
+    <r^2> = 2 a^2/3 under its pressure; what follows, 3.2 (a/L)^6 in the brackets, is
+    3e-4 of the whole at a/L = 1/4 and 2e-2 at .4.
+    """
     (_, a), E = _post(scene, FLAT_PUNCH), FLAT_PUNCH.elastic_half_space(scene)
     if scene.surface.heights.ndim == 1:
         return _stiffness(a, scene)
@@ -94,8 +107,9 @@ def _middle_pressure(scene: Scene) -> float:
 
 
 def _elastic_middle(scene: Scene) -> float:
-    """Half-width e of the elastic middle of a capped strip in m, which ends where no singularity
-    is left: cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P))."""
+    """Half-width e of the elastic middle of a capped strip in m, which ends where no
+    singularity is left: cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
+    """
     (_, a), period = _post(scene, CAPPED_STRIP), scene.surface.periods[0]
     capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
     CAPPED_STRIP.needs(capped, "a strip of finite hardness")
@@ -117,11 +131,13 @@ CAPPED_STRIP.gives("area.elastic")(
 )
 
 
-# The yielded rim carries no more of a growing load; all of the strip is elastic as soon as the load
-# falls, and all of it conducts at any load.
+# The yielded rim carries no more of a growing load; all of the strip is elastic as soon
+# as the load falls, and all of it conducts at any load.
 CAPPED_STRIP.gives("quantity.conductance")(
     lambda scene: (
-        2 * _stiffness(_post(scene, CAPPED_STRIP)[1], scene) / effective_modulus(scene.material)
+        2
+        * _stiffness(_post(scene, CAPPED_STRIP)[1], scene)
+        / effective_modulus(scene.material)
     )
 )
 CAPPED_STRIP.gives("quantity.stiffness_unloading")(

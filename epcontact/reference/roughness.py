@@ -1,4 +1,5 @@
-"""Closed forms of a rough surface: its slope, the contact at light load, and the bearing area.
+"""Closed forms of a rough surface: its slope, the contact at light load, and the
+bearing area.
 
 They use only the heights, not the recipe or the spectrum behind them.
 """
@@ -14,22 +15,27 @@ from epcontact.reference.form import ClosedForm
 from epcontact.scene import Scene
 
 BEARING_AREA = ClosedForm(
-    "bearing_area", "the highest p0/sigma_P of the surface, flattened without springing back"
+    "bearing_area",
+    "the highest p0/sigma_P of the surface, flattened without springing back",
 )
 HEIGHTS = ClosedForm(
-    "heights", "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4"
+    "heights",
+    "the surface's own heights: xi^2 = <|grad h|^2>, <(p - p0)^2> = E*^2 xi^2/4",
 )
 LIGHT_LOAD = ClosedForm(
-    "light_load", "Almqvist and Persson, the contact area of an elastic rough surface at light load"
+    "light_load",
+    "Almqvist and Persson, the contact area of an elastic rough surface at light load",
 )
-#: Largest area at which `light_load` is offered.  There the elastic area of the theory is 0.6 %
-#: below its straight line (test_reference.py).
+#: Largest area at which `light_load` is offered.  There the elastic area of the theory
+#: is 0.6 % below its straight line (test_reference.py).
 _LIGHT = 0.15
 
 
 @BEARING_AREA.gives("area.total", "area.plastic")
 def _bearing_fraction(scene: Scene) -> float:
-    """A = p0/sigma_P, the limit in which elasticity carries nothing (Abbott and Firestone 1933)."""
+    """A = p0/sigma_P, the limit in which elasticity carries nothing (Abbott and
+    Firestone 1933).
+    """
     BEARING_AREA.needs(math.isfinite(scene.material.hardness), "a finite hardness")
     return scene.load.final / scene.material.hardness
 
@@ -48,7 +54,9 @@ def _bearing_gap(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.rms_slope")
 def rms_slope(scene: Scene) -> float:
-    """The rms slope by spectral derivatives along each axis: exact for band-limited heights."""
+    """The rms slope by spectral derivatives along each axis: exact for band-limited
+    heights.
+    """
     surface = scene.surface
     total = 0.0
     for axis, (n, d) in enumerate(zip(surface.shape, surface.spacing, strict=True)):
@@ -62,13 +70,19 @@ def rms_slope(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.diffusion")
 def _half_variance(scene: Scene) -> float:
-    """Half the variance of the pressure in full contact, E*^2 xi^2/8 in Pa^2, not by the theory."""
+    """Half the variance of the pressure in full contact, E*^2 xi^2/8 in Pa^2, not by
+    the theory.
+    """
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
 
-def light_load_area(mean_pressure: float, effective_modulus: float, rms_slope: float) -> float:
-    """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi E*).
-    Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of boundary elements."""
+def light_load_area(
+    mean_pressure: float, effective_modulus: float, rms_slope: float
+) -> float:
+    """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi
+    E*). Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of
+    boundary elements.
+    """
     return 2 * mean_pressure / (rms_slope * effective_modulus)
 
 

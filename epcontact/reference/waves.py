@@ -1,13 +1,15 @@
-"""Sinusoidal waviness against a rigid flat: formulas, and the closed forms that gates use.
+"""Sinusoidal waviness against a rigid flat: formulas, and the closed forms that gates
+use.
 
-One wave along x, h(x) = h (1 + cos(2 pi x/lambda)) up to a constant: Westergaard (1939), in the
-form of Johnson, International Journal of Solids and Structures 32 (1995) 423.  Exact.
-The product of two waves, h (1 + cos cos): the asymptotes of Johnson, Greenwood and Higginson,
-International Journal of Mechanical Sciences 27 (1985) 383; between them no closed form is known.
+One wave along x, h(x) = h (1 + cos(2 pi x/lambda)) up to a constant: Westergaard
+(1939), in the form of Johnson, International Journal of Solids and Structures 32 (1995)
+423.  Exact. The product of two waves, h (1 + cos cos): the asymptotes of Johnson,
+Greenwood and Higginson, International Journal of Mechanical Sciences 27 (1985) 383;
+between them no closed form is known.
 
 Symbols: h = amplitude (m; half the distance from valley to crest of the line), lambda =
-wavelength (m), E* = effective_modulus (Pa), p* = pressure of complete contact (Pa),
-s = mean pressure / p*, psi = pi x/lambda with x measured from a crest, a = half-width of a
+wavelength (m), E* = effective_modulus (Pa), p* = pressure of complete contact (Pa), s =
+mean pressure / p*, psi = pi x/lambda with x measured from a crest, a = half-width of a
 contact.  The formulas hold for 0 <= s <= 1.
 """
 
@@ -22,10 +24,13 @@ from epcontact.reference.form import ClosedForm
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
-# --- formulas of one wave -------------------------------------------------------------------------
+# --- formulas of one wave
+# -------------------------------------------------------------------------
 
 
-def line_complete_pressure(amplitude: float, wavelength: float, effective_modulus: float) -> float:
+def line_complete_pressure(
+    amplitude: float, wavelength: float, effective_modulus: float
+) -> float:
     """p* = pi E* h / lambda in Pa: the mean pressure at which no gap is left."""
     return math.pi * effective_modulus * amplitude / wavelength
 
@@ -43,8 +48,9 @@ def line_pressure(position: FloatArray, load: float) -> FloatArray:
 
 
 def line_gap(position: FloatArray, load: float) -> FloatArray:
-    """g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))], S = |sin psi|, at x/lambda; 0 in contact.
-    Its slope continues the pressure analytically."""
+    """g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))], S = |sin psi|, at x/lambda; 0
+    in contact. Its slope continues the pressure analytically.
+    """
     sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
     if load == 0:
         return np.asarray(2 * sine**2)
@@ -58,7 +64,9 @@ def line_mean_gap(load: float) -> float:
 
 
 def line_energy(load: float) -> float:
-    """Elastic energy per nominal area / (h p*) = s^2 (1/4 - ln(s)/2), the work of the load."""
+    """Elastic energy per nominal area / (h p*) = s^2 (1/4 - ln(s)/2), the work of the
+    load.
+    """
     return load**2 / 4 - load**2 * _log(load) / 2
 
 
@@ -67,28 +75,36 @@ def _log(load: float) -> float:
     return math.log(load) if load else 0.0
 
 
-# --- formulas of the product of two waves ---------------------------------------------------------
+# --- formulas of the product of two waves
+# ---------------------------------------------------------
 
 
 def surface_complete_pressure(
     amplitude: float, wavelength: float, effective_modulus: float
 ) -> float:
-    """p* = sqrt(2) pi E* h / lambda in Pa, for h (1 + cos(2 pi x/lambda) cos(2 pi y/lambda))."""
+    """p* = sqrt(2) pi E* h / lambda in Pa, for h (1 + cos(2 pi x/lambda) cos(2 pi
+    y/lambda)).
+    """
     return math.sqrt(2) * math.pi * effective_modulus * amplitude / wavelength
 
 
 def surface_contact_fraction_light(load: float) -> float:
-    """Contact fraction pi (3 s/(8 pi))^(2/3), in the limit s -> 0: Hertz on two crests a period."""
+    """Contact fraction pi (3 s/(8 pi))^(2/3), in the limit s -> 0: Hertz on two crests
+    a period.
+    """
     return math.pi * float((3 * load / (8 * math.pi)) ** (2 / 3))
 
 
 def surface_contact_fraction_heavy(load: float) -> float:
-    """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.  The two gaps a period are
-    penny-shaped cracks without stress intensity, of b^2 = 3 (1 - s) lambda^2/(4 pi^2)."""
+    """Contact fraction 1 - (3/(2 pi)) (1 - s), in the limit s -> 1.  The two gaps a
+    period are penny-shaped cracks without stress intensity, of b^2 = 3 (1 - s)
+    lambda^2/(4 pi^2).
+    """
     return 1 - 3 / (2 * math.pi) * (1 - load)
 
 
-# --- the closed forms -----------------------------------------------------------------------------
+# --- the closed forms
+# -----------------------------------------------------------------------------
 
 _JGH = "Johnson, Greenwood and Higginson, Int. J. Mech. Sci. 27 (1985) 383"
 WESTERGAARD = ClosedForm(
@@ -131,7 +147,9 @@ class _Wave:
         return wave
 
 
-WESTERGAARD.gives("area.total")(lambda scene: line_contact_fraction(min(1.0, _Wave.of(scene).load)))
+WESTERGAARD.gives("area.total")(
+    lambda scene: line_contact_fraction(min(1.0, _Wave.of(scene).load))
+)
 
 
 @WESTERGAARD.gives("quantity.mean_gap")
@@ -168,8 +186,10 @@ def _wave_gap(scene: Scene) -> FloatArray:
 
 @WESTERGAARD.gives("distribution")
 def _wave_distribution(scene: Scene) -> PressureDistribution:
-    """p falls from crest to rim, so the share below sigma is that from its place to the rim:
-    (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without cancellation."""
+    """p falls from crest to rim, so the share below sigma is that from its place to the
+    rim: (p/p*)^2 = 4 (1 - y)(s - y), y = sin^2 psi, is solved for y without
+    cancellation.
+    """
     wave = _Wave.in_partial_contact(scene)
     load = wave.load
     sigma = np.linspace(0, 2 * math.sqrt(load), _TABULATED)

@@ -1,7 +1,9 @@
-"""Studies: charts of accuracy against cost, and of the theory against the numerical methods.
+"""Studies: charts of accuracy against cost, and of the theory against the numerical
+methods.
 
-A study is a function with the decorator `study` of `frame`, in one of the modules below; the times
-in a chart come from one run on one machine, so only their ratios are comparable.
+A study is a function with the decorator `study` of `frame`, in one of the modules
+below; the times in a chart come from one run on one machine, so only their ratios are
+comparable.
 """
 
 # Each of the first block registers its studies.

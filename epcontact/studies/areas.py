@@ -1,9 +1,11 @@
-"""Are the claimed errors of corrected areas true?  An ensemble of many kinds of surfaces.
+"""Are the claimed errors of corrected areas true?  An ensemble of many kinds of
+surfaces.
 
-Each member of the ensemble is a surface of one of KINDS with a load, a hardness and a number of
-points per shortest wavelength, all drawn by its seed.  Its reference is the corrected area on a
-grid FINER times as fine.  The unit of pressure is E* and the slopes of most kinds are of order 1.
-The constants of the claims come from other seeds and scenes (`laboratory.area_bank`).
+Each member of the ensemble is a surface of one of KINDS with a load, a hardness and a
+number of points per shortest wavelength, all drawn by its seed.  Its reference is the
+corrected area on a grid FINER times as fine.  The unit of pressure is E* and the slopes
+of most kinds are of order 1. The constants of the claims come from other seeds and
+scenes (`laboratory.area_bank`).
 """
 
 from __future__ import annotations
@@ -41,17 +43,26 @@ def named(*makers: Any) -> dict[str, Maker]:
 
 
 def roughness(patch: Member, rng: Random, low: float, high: float) -> Any:
-    """Self-affine roughness of rms slope 1; its Hurst exponent is drawn between two numbers."""
+    """Self-affine roughness of rms slope 1; its Hurst exponent is drawn between two
+    numbers.
+    """
     hurst, seed = rng.uniform(low, high), int(rng.integers(1 << 31))
-    return self_affine(2 * math.pi, patch.shape, seed, patch.high, roll_off=2, hurst=hurst).heights
+    return self_affine(
+        2 * math.pi, patch.shape, seed, patch.high, roll_off=2, hurst=hurst
+    ).heights
 
 
 def _worn(patch: Member, rng: Random) -> Any:
-    return np.minimum(roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.2, 0.8) * _HEIGHT)
+    return np.minimum(
+        roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.2, 0.8) * _HEIGHT
+    )
 
 
 def _skewed(patch: Member, rng: Random) -> Any:
-    rough, skew = roughness(patch, rng, 0.5, 0.95), rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
+    rough, skew = (
+        roughness(patch, rng, 0.5, 0.95),
+        rng.choice([-1, 1]) * rng.uniform(0.3, 1.0),
+    )
     return np.expm1(skew * rough / _HEIGHT) * _HEIGHT / skew
 
 
@@ -139,12 +150,14 @@ def _quantised(patch: Member, rng: Random) -> Any:
     return np.round(rough / step) * step
 
 
-#: Heights of each kind on a patch.  Elliptic roughness is the isotropic one on other periods, and
-#: oblong is on cells of 2 to 1.
+#: Heights of each kind on a patch.  Elliptic roughness is the isotropic one on other
+#: periods, and oblong is on cells of 2 to 1.
 KINDS: dict[str, Maker] = dict.fromkeys(
     ("self-affine", "elliptic", "oblong"), partial(roughness, low=0.2, high=0.95)
 )
-KINDS |= named(_worn, _skewed, _stepped, _spheres, _cylinders, _punches, _truncated_cones)
+KINDS |= named(
+    _worn, _skewed, _stepped, _spheres, _cylinders, _punches, _truncated_cones
+)
 KINDS |= named(_dimples, _outliers, _sharp_cones, _honed, _quantised)
 
 
@@ -152,8 +165,8 @@ KINDS |= named(_dimples, _outliers, _sharp_cones, _honed, _quantised)
 class Member:
     """One surface of an ensemble on a grid of `shape`, with its load and hardness.
 
-    high: shortest waves per period of the rough kinds.  The maker makes heights from random numbers
-    of the seed `drawn`.
+    high: shortest waves per period of the rough kinds.  The maker makes heights from
+    random numbers of the seed `drawn`.
     """
 
     shape: tuple[int, int]
@@ -164,7 +177,9 @@ class Member:
     maker: Maker
     drawn: int
 
-    def offsets(self, centre: FloatArray | Sequence[float] = (0.0, 0.0)) -> tuple[Any, Any]:
+    def offsets(
+        self, centre: FloatArray | Sequence[float] = (0.0, 0.0)
+    ) -> tuple[Any, Any]:
         """(nx, 1) and (1, ny) distances from the nearest image of a centre."""
         x, y = (
             (np.arange(n) * (length / n) - c + length / 2) % length - length / 2
@@ -172,14 +187,18 @@ class Member:
         )
         return x[:, None], y[None, :]
 
-    def solved(self, factor: int) -> tuple[FloatArray, FloatArray, float, list[float], float]:
+    def solved(
+        self, factor: int
+    ) -> tuple[FloatArray, FloatArray, float, list[float], float]:
         """A `solution` on a grid `factor` times as fine; raises NotConverged."""
         fine = replace(self, shape=(factor * self.shape[0], factor * self.shape[1]))
         heights = self.maker(fine, np.random.default_rng(self.drawn))
         return solution(heights, self.load, self.hardness, self.periods)
 
     def areas(self, factor: int) -> tuple[Areas, Areas, Areas]:
-        """(raw, corrected, error) on a grid `factor` times as fine as the coarse one."""
+        """(raw, corrected, error) on a grid `factor` times as fine as the coarse
+        one.
+        """
         return estimate_areas(*self.solved(factor))
 
 
@@ -189,7 +208,9 @@ def solution(
     hardness: float = math.inf,
     periods: tuple[float, ...] | None = None,
 ) -> tuple[FloatArray, FloatArray, float, list[float], float]:
-    """Arguments of `estimate_areas` with E* = 1, on periods of 1 unless they are given."""
+    """Arguments of `estimate_areas` with E* = 1, on periods of 1 unless they are
+    given.
+    """
     periods = periods or (1.0,) * heights.ndim
     q = rfft_wavenumbers(heights.shape, periods)
     compliance = surface_compliance(q, Body(), Material(1.0, 0.0))
@@ -209,16 +230,21 @@ def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Me
     load = min(10 ** rng.uniform(-2.5, 0.3), 0.9 * hardness)
     high = max(int(min(shape) // per_wave), 2)
     periods = (1.0, 2.0 if kind == "elliptic" else 1.0)
-    return Member(shape, periods, load, hardness, high, makers[kind], int(rng.integers(1 << 31)))
+    return Member(
+        shape, periods, load, hardness, high, makers[kind], int(rng.integers(1 << 31))
+    )
 
 
 def judged(kind: str, seed: int, points: int) -> Rows:
-    """The part and times, the error by the claim beyond the solver's tolerance, of each area of a
-    member that has either; the truth is that of the fine grid."""
+    """The part and times, the error by the claim beyond the solver's tolerance, of each
+    area of a member that has either; the truth is that of the fine grid.
+    """
     one, found = member(KINDS, kind, seed, points), []
     (_, corrected, claimed), (_, exact, _) = one.areas(1), one.areas(FINER)
     for part in PARTS if math.isfinite(one.hardness) else ("total",):
-        truth, area, claim = (getattr(areas, part) for areas in (exact, corrected, claimed))
+        truth, area, claim = (
+            getattr(areas, part) for areas in (exact, corrected, claimed)
+        )
         error = max(abs(area - truth) - 1e-9, 0.0)
         if error > 0 or claim > 0:
             found.append({"part": part, "times": error / max(claim, 1e-9)})
@@ -227,22 +253,40 @@ def judged(kind: str, seed: int, points: int) -> Rows:
 
 @study("areas", seeds=range(100, 130), points=64)
 def areas(
-    say: Say, seeds: Ints = range(100, 104), points: int = 32, kinds: Sequence[str] = tuple(KINDS)
+    say: Say,
+    seeds: Ints = range(100, 104),
+    points: int = 32,
+    kinds: Sequence[str] = tuple(KINDS),
 ) -> Charts:
     """Coverage of the claimed errors of corrected areas, by kind of surface.
 
-    Each mark is an area, at .001 or 100 if beyond; the truth is a grid 8 times as fine.  Loads are
-    .003 to 2 E*, the hardness .05 to 2 E* or none, with 3 to 16 points a shortest wave.
+    Each mark is an area, at .001 or 100 if beyond; the truth is a grid 8 times as fine.
+    Loads are .003 to 2 E*, the hardness .05 to 2 E* or none, with 3 to 16 points a
+    shortest wave.
     """
     table = rows(say, judged, seed=seeds, kind=kinds, points=[points])
     table["times"] = table["times"].clip(1e-3, 1e2)
     within = table["times"] <= 1
     shares = within.groupby(table["kind"], sort=False).mean()[::-1]
-    kinds, names = list(shares.index), [f"{kind}, {share:.0%}" for kind, share in shares.items()]
+    kinds, names = (
+        list(shares.index),
+        [f"{kind}, {share:.0%}" for kind, share in shares.items()],
+    )
     table["row"], table["one"] = table["kind"].map(kinds.index), "look"
-    x, y = ("times", "error by claimed error (–)"), ("row", "kind, share within its claim (–)")
-    limits = {"yticks": range(len(names)), "yticklabels": names, "ylim": (-0.7, len(names))}
-    look: Any = {"labels": dict.fromkeys(kinds, "_"), "upright": {"claimed": 1.0}, "limits": limits}
+    x, y = (
+        ("times", "error by claimed error (–)"),
+        ("row", "kind, share within its claim (–)"),
+    )
+    limits = {
+        "yticks": range(len(names)),
+        "yticklabels": names,
+        "ylim": (-0.7, len(names)),
+    }
+    look: Any = {
+        "labels": dict.fromkeys(kinds, "_"),
+        "upright": {"claimed": 1.0},
+        "limits": limits,
+    }
     plot = Plot(x, y, ("kind",), style="open", colour="one", log="x", **look)
     told = f"Of {len(table)} areas {within.mean():.0%} are within their claim"
     yield plot, table.drop(columns="seed"), told

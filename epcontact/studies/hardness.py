@@ -1,8 +1,10 @@
-"""Studies of the cap that stands for a rough J2 body: its value, its map, and where it fails.
+"""Studies of the cap that stands for a rough J2 body: its value, its map, and where it
+fails.
 
-The scenes are those of the cases fem-model-*: 4 of the shortest waves in a period, a bonded layer
-as deep as the period, pressed with a twelfth of 3 sigma_Y.  By similarity they depend only on
-E* xi/sigma_Y and Poisson's ratio.  J2 and cap are on the elements' own compliance.
+The scenes are those of the cases fem-model-*: 4 of the shortest waves in a period, a
+bonded layer as deep as the period, pressed with a twelfth of 3 sigma_Y.  By similarity
+they depend only on E* xi/sigma_Y and Poisson's ratio.  J2 and cap are on the elements'
+own compliance.
 """
 
 from __future__ import annotations
@@ -37,20 +39,39 @@ _OVERLAP = "shared contact over the union of both (–)"
 _SEVERITY = "E* xi / sigma_Y = {:g}"
 #: The measures, each with the label of its axis and the title of its chart.
 MEASURES = {
-    "effective_hardness": (_EFFECTIVE[1], "Cap under which a body has the J2 body's contact area"),
-    "effective_overlap": (_OVERLAP, "Overlap of the J2 body's contact with that under this cap"),
-    "model_overlap": (_OVERLAP, "Overlap of the J2 body's contact with that under 3 sigma_Y"),
-    "model_area": ("area of J2 over that of the cap, less 1 (–)", "J2 against a cap of 3 sigma_Y"),
+    "effective_hardness": (
+        _EFFECTIVE[1],
+        "Cap under which a body has the J2 body's contact area",
+    ),
+    "effective_overlap": (
+        _OVERLAP,
+        "Overlap of the J2 body's contact with that under this cap",
+    ),
+    "model_overlap": (
+        _OVERLAP,
+        "Overlap of the J2 body's contact with that under 3 sigma_Y",
+    ),
+    "model_area": (
+        "area of J2 over that of the cap, less 1 (–)",
+        "J2 against a cap of 3 sigma_Y",
+    ),
 }
 
 
-def model_scene(severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES) -> Scene:
-    """A scene at E* xi/sigma_Y = `severity` with nodes x nodes points and so many shortest waves in
-    a period."""
-    surface = self_affine(2 * math.pi / PERIOD, (nodes, nodes), seed, waves, slope=SLOPE)
+def model_scene(
+    severity: float, nu: float, seed: int, nodes: int, waves: int = WAVES
+) -> Scene:
+    """A scene at E* xi/sigma_Y = `severity` with nodes x nodes points and so many
+    shortest waves in a period.
+    """
+    surface = self_affine(
+        2 * math.pi / PERIOD, (nodes, nodes), seed, waves, slope=SLOPE
+    )
     yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
     material = Material(YOUNG, nu, TABOR * yield_stress, yield_stress)
-    return Scene(surface, material, Load(TABOR * yield_stress / 12), Body("bonded_layer", PERIOD))
+    return Scene(
+        surface, material, Load(TABOR * yield_stress / 12), Body("bonded_layer", PERIOD)
+    )
 
 
 @study("hardness", surfaces=16, nodes=48)
@@ -85,9 +106,9 @@ def hardness(
 def kept_map(say: Say) -> Charts:
     """The kept map of that cap over severity, load and nu, with its formula.
 
-    Under the cap boundary elements carry the load on the area of the rough J2 metal, which is no
-    larger than 0.9.  Intervals (95 %) and curves are for the map's own small surfaces of breadth 4.
-    The dotted 3 is Tabor's rule.
+    Under the cap boundary elements carry the load on the area of the rough J2 metal,
+    which is no larger than 0.9.  Intervals (95 %) and curves are for the map's own
+    small surfaces of breadth 4. The dotted 3 is Tabor's rule.
     """
     del say
     whole = pd.DataFrame(dict(kept.hardness_map()))
@@ -105,7 +126,11 @@ def kept_map(say: Say) -> Charts:
     for nu, known in pd.concat([places, curves]).groupby("poisson_ratio"):
         x, ticks = ("load", "p0 / sigma_Y (–)"), sorted(known["load"].unique())
         plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
-        yield plot, known, f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}"
+        yield (
+            plot,
+            known,
+            f"Effective hardness at nu = {nu:g}; curves {kept.formula_text()}",
+        )
 
 
 #: What is compared of a rough body and a rough punch, by its name in rows.
@@ -118,12 +143,17 @@ _MIRRORED = {
 
 @study("rough-body", slopes=(0.05, 0.1), seeds=range(101, 109), nodes=32)
 def rough_body(
-    say: Say, slopes: Sequence[float] = (0.1,), seeds: Ints = range(101, 103), nodes: int = 16
+    say: Say,
+    slopes: Sequence[float] = (0.1,),
+    seeds: Ints = range(101, 103),
+    nodes: int = 16,
 ) -> Charts:
-    """Which body is rough: a J2 block on a rigid flat, or a rigid punch on a flat J2 block.
+    """Which body is rough: a J2 block on a rigid flat, or a rigid punch on a flat J2
+    block.
 
-    Both have the same gap, and tend to the same answer as the slope vanishes at constant
-    E* xi/sigma_Y.  Strains are small, nu = 0.3, and a punch presses along its normals.
+    Both have the same gap, and tend to the same answer as the slope vanishes at
+    constant E* xi/sigma_Y.  Strains are small, nu = 0.3, and a punch presses along its
+    normals.
     """
 
     def row(severity: float, slope: float, seed: int) -> Rows:
@@ -133,21 +163,31 @@ def rough_body(
         scene = replace(scene, surface=surface, material=material)
         unloaded = replace(scene, load=Load((scene.load.final, 0.0)))
         for body in ("gap", "moved", "punch"):
-            path = fem_check.solve_path(unloaded, law="j2", geometry=body, certified=False)
+            path = fem_check.solve_path(
+                unloaded, law="j2", geometry=body, certified=False
+            )
             pressed = contact_result(replace(path, points=path.points[:1]))
             cap = hardness_of_equal_area(scene, pressed)
             left = path.points[-1].state.displacement[0, ..., 2]
             found[body] = np.array([cap.area, cap.ratio, np.std(left)])
         rough, punch = (found[body] / found["gap"] - 1 for body in ("moved", "punch"))
-        changes = {"rough body": rough, "rough punch": punch, "difference": rough - punch}
+        changes = {
+            "rough body": rough,
+            "rough punch": punch,
+            "difference": rough - punch,
+        }
         return [
-            {"series": f"{name}, {severity:g}"} | dict(zip(_MIRRORED, change, strict=True))
+            {"series": f"{name}, {severity:g}"}
+            | dict(zip(_MIRRORED, change, strict=True))
             for name, change in changes.items()
         ]
 
     table = rows(say, row, severity=(5.0, 50.0), slope=slopes, seed=seeds)
     for name, label in _MIRRORED.items():
-        x, y = ("slope", "rms slope (–)"), (name, "change from that of small slopes (–)")
+        x, y = (
+            ("slope", "rms slope (–)"),
+            (name, "change from that of small slopes (–)"),
+        )
         plot = Plot(x, y, log="x", ticks=sorted(slopes), level=0.0)
         yield plot, table, f"Change of the {label}, by E* xi/sigma_Y"
 
@@ -159,7 +199,10 @@ THEORY = "theory, cap at 3 sigma_Y"
 
 @study("persistence", severities=(5.0, 15.0, 50.0), seeds=range(101, 109))
 def persistence(
-    say: Say, severities: Sequence[float] = (5.0,), seeds: Ints = range(101, 103), nodes: int = 24
+    say: Say,
+    severities: Sequence[float] = (5.0,),
+    seeds: Ints = range(101, 103),
+    nodes: int = 24,
 ) -> Charts:
     """Contact area up to three yield stresses by J2 flow, caps and theory.
 
@@ -175,8 +218,9 @@ def persistence(
 
 
 def raw_areas(severity: float, seed: int, nodes: int) -> Rows:
-    """The raw contact area along LOADS by each model, at Poisson's ratio 0.3; 1 where the load
-    reaches the cap, and no row where the load is outside the map."""
+    """The raw contact area along LOADS by each model, at Poisson's ratio 0.3; 1 where
+    the load reaches the cap, and no row where the load is outside the map.
+    """
     scene, found = model_scene(severity, 0.3, seed, nodes), []
     material, sigma_Y = scene.material, scene.material.yield_stress
     path = Load(tuple(load * sigma_Y for load in LOADS))
@@ -191,20 +235,29 @@ def raw_areas(severity: float, seed: int, nodes: int) -> Rows:
             if cap <= step.mean_pressure:
                 areas[name] = 1.0
             elif math.isfinite(cap):
-                areas[name] = area_of(capped_body(single, cap, compliance), "total", "raw")
+                areas[name] = area_of(
+                    capped_body(single, cap, compliance), "total", "raw"
+                )
         if load < TABOR:
             half_space = replace(single, material=material, body=Body())
             answer = persson.solve(half_space, energy_reduction=GAMMA)
             areas[THEORY] = area_of(answer, "total", "raw")
-        found += [{"series": name, "load": load, "area": area} for name, area in areas.items()]
+        found += [
+            {"series": name, "load": load, "area": area} for name, area in areas.items()
+        ]
     return found
 
 
 def _mapped(scene: Scene) -> float:
     """The cap of the map in Pa; infinite outside the map."""
-    of = {k: getattr(scene.material, k) for k in ("yield_stress", "young_modulus", "poisson_ratio")}
+    of = {
+        k: getattr(scene.material, k)
+        for k in ("yield_stress", "young_modulus", "poisson_ratio")
+    }
     try:
         load = scene.load.final
-        return kept.effective_hardness(**of, rms_slope=SLOPE, mean_pressure=load, breadth=4).value
+        return kept.effective_hardness(
+            **of, rms_slope=SLOPE, mean_pressure=load, breadth=4
+        ).value
     except InvalidScene:
         return math.inf

@@ -1,14 +1,16 @@
 """The study of public codes side by side: the same surface, the same areas, one run.
 
-Each code is run at rising effort (a tighter tolerance, or more iterations, because Kato's method
-always reports an error of zero) until its raw areas agree with those of `epcontact.bem`.  This time
-is a code's best, because only someone who knows the answer can stop there.  A code whose areas
-never agree has no time, and neither has one that takes more than MOST times as long as this
-package: codes run in a process of their own, which is ended then.
+Each code is run at rising effort (a tighter tolerance, or more iterations, because
+Kato's method always reports an error of zero) until its raw areas agree with those of
+`epcontact.bem`.  This time is a code's best, because only someone who knows the answer
+can stop there.  A code whose areas never agree has no time, and neither has one that
+takes more than MOST times as long as this package: codes run in a process of their own,
+which is ended then.
 
-Processor time is compared, as it does not count the waiting for other processes.  These also take a
-share of the memory's bandwidth, so that solves of one code differ by up to a half: this package
-solves before each solve of a peer, and the median of its times counts.
+Processor time is compared, as it does not count the waiting for other processes.  These
+also take a share of the memory's bandwidth, so that solves of one code differ by up to
+a half: this package solves before each solve of a peer, and the median of its times
+counts.
 """
 
 from __future__ import annotations
@@ -34,8 +36,9 @@ from epcontact.studies.cost import AIMS, TIGHT, timed
 from epcontact.studies.frame import Charts, Rows, Say, listed, rows, study
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
 
-#: Largest relative difference of total and plastic raw areas that counts as the same answer, and
-#: times the time of this package, beside the seconds for its start, after which a code is ended.
+#: Largest relative difference of total and plastic raw areas that counts as the same
+#: answer, and times the time of this package, beside the seconds for its start, after
+#: which a code is ended.
 AGREEMENT, MOST, STARTING = 1e-3, 200, 20.0
 OWN = "epcontact"
 LOAD = 0.05  # over E*, as in all studies of the paper's scene
@@ -55,10 +58,11 @@ def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
 
 
 def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Rows:
-    """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.  `call`
-    makes the calls of the peers, as `Child.call` does.  Returns a row for each code: code, seconds,
-    total (raw area; NaN where the code was ended), agrees, setting (the one that agreed or the last
-    one tried) and points_a_side."""
+    """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.
+    `call` makes the calls of the peers, as `Child.call` does.  Returns a row for each
+    code: code, seconds, total (raw area; NaN where the code was ended), agrees, setting
+    (the one that agreed or the last one tried) and points_a_side.
+    """
     hardness, scene = LAWS[law] / MODULUS, rough_scene(8, 7, bandwidth, LAWS[law])
     heights = np.array(scene.surface.heights) / scene.surface.periods[0]
     times: dict[str, list[tuple[float, float]]] = {aim: [] for aim in AIMS}
@@ -68,11 +72,18 @@ def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Row
         times[aim].append(spent)
         return result.final.areas["raw"].total, result.final.areas["raw"].plastic
 
-    def row(code: str, setting: str, seconds: float, areas: tuple[float, float]) -> dict[str, Any]:
-        told = {"seconds": seconds, "total": areas[0], "agrees": agree(areas, own[TIGHT])}
+    def row(
+        code: str, setting: str, seconds: float, areas: tuple[float, float]
+    ) -> dict[str, Any]:
+        told = {
+            "seconds": seconds,
+            "total": areas[0],
+            "agrees": agree(areas, own[TIGHT]),
+        }
         return {"code": code, "setting": setting, "points_a_side": len(heights)} | told
 
-    # Kernels are compiled, and up to 1024 x 1024 points operators prepared, before it is timed.
+    # Kernels are compiled, and up to 1024 x 1024 points operators prepared, before it
+    # is timed.
     own, found = {aim: solve_here(aim) for aim in AIMS}, []
     for code, solver in peers.items():
         for effort in efforts(code, heights, hardness):
@@ -119,8 +130,8 @@ def installed() -> dict[str, Pressure]:
 def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
     """Time to the same areas beside public codes, where they are installed.
 
-    The scene is the paper's with 8 points to its shortest wave.  Raw areas agree within 0.1 %.
-    Each code has the loosest of its settings that agrees, and one thread.
+    The scene is the paper's with 8 points to its shortest wave.  Raw areas agree within
+    0.1 %. Each code has the loosest of its settings that agrees, and one thread.
     """
     solvers = installed()
     if os.environ.get("OMP_NUM_THREADS") != "1":
@@ -130,7 +141,9 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
         )
     child = Child()
     for law in LAWS:
-        race(law, 4, solvers, child.call)  # imports and plans of transforms are not timed
+        race(
+            law, 4, solvers, child.call
+        )  # imports and plans of transforms are not timed
         on_all = partial(race, peers=solvers, call=child.call)
         yield race_chart(rows(say, on_all, law=[law], bandwidth=widths))
     child.end()
@@ -139,7 +152,10 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
 def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
     """The times of the codes that agree; the caption names the others."""
     is_own, late = races["code"] == OWN, races["total"].isna()
-    title, form = f"Processor time, {races['law'].iloc[0]}", "{code} at {points_a_side} ({setting})"
+    title, form = (
+        f"Processor time, {races['law'].iloc[0]}",
+        "{code} at {points_a_side} ({setting})",
+    )
     for why, some in (
         ("Setting", races["agrees"] & ~is_own),
         ("Without agreement", ~races["agrees"] & ~late),

@@ -1,15 +1,17 @@
-"""The study of stability: the parameters at which each method converges, with its failures.
+"""The study of stability: the parameters at which each method converges, with its
+failures.
 
 capped   boundary elements, p0/hardness against hardness/(E* xi): the Newton solver, each baseline
 elastic  the same for an infinite hardness, against p0/(E* xi) alone
 theory   p0/hardness against G/hardness^2: the eigenfunctions, the images, and what the package
-         makes of them; effort is the number of terms, residual the relative error of the areas
+         makes of them; effort is the number of terms, residual the relative error of
+         the areas
 fem      p0/(E* xi) against E* xi/yield_stress: J2 half-blocks, one panel a Poisson's ratio
 
-A point counts as converged only if the answer also passes a check that is independent of the
-method: the contact conditions measured on the pressure field by other transforms (capped,
-elastic), the conservation of force and the particle-hole symmetry of the areas (theory), the
-balance as scikit-fem's assembly finds it (fem).
+A point counts as converged only if the answer also passes a check that is independent
+of the method: the contact conditions measured on the pressure field by other transforms
+(capped, elastic), the conservation of force and the particle-hole symmetry of the areas
+(theory), the balance as scikit-fem's assembly finds it (fem).
 """
 
 from __future__ import annotations
@@ -35,11 +37,13 @@ from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.studies.frame import Say, rows
 from epcontact.studies.paper_scene import self_affine
 
-#: Largest allowed violation of the contact conditions, measured by the harness, of a solve that
-#: claims 1e-8, and relative error of an area up to which a sum of the theory has converged.
+#: Largest allowed violation of the contact conditions, measured by the harness, of a
+#: solve that claims 1e-8, and relative error of an area up to which a sum of the theory
+#: has converged.
 EXAMINED, AREA_ERROR = 1e-6, 1e-9
 _TERMS = 200
-#: A division by zero counts as a failure like a report that the solver did not converge.
+#: A division by zero counts as a failure like a report that the solver did not
+#: converge.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
 #: The labels of x, y and effort on each map.
@@ -52,7 +56,8 @@ MAPS = {
 _SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99)
 _RATIOS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
 _LOADS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
-#: The axes x and y of each map, Poisson's ratios, and grid points and step limits, by size.
+#: The axes x and y of each map, Poisson's ratios, and grid points and step limits, by
+#: size.
 SIZES: dict[str, dict[str, Any]] = {
     "coarse": {
         "capped": ((0.001, 0.1, 0.5, 0.99), (0.001, 0.1, 1.0, 100.0)),
@@ -82,17 +87,21 @@ def stability(
 ) -> pd.DataFrame:
     """Sweep the named maps (none: all) at a size: coarse (seconds) or full (minutes).
 
-    `methods` are those of the boundary elements.  Returns a row for each solve: map, method, x, y,
-    converged, effort, residual (of the examination) and the reason of a failure.  Raises
-    InvalidCase for a map or size that is not known.
+    `methods` are those of the boundary elements.  Returns a row for each solve: map,
+    method, x, y, converged, effort, residual (of the examination) and the reason of a
+    failure.  Raises InvalidCase for a map or size that is not known.
     """
     if unknown := [name for name in maps if name not in MAPS]:
-        raise InvalidCase(f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}")
+        raise InvalidCase(
+            f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}"
+        )
     if size not in SIZES:
         raise InvalidCase(f"size is {size!r}, but must be {' or '.join(SIZES)}")
     grid, tables = SIZES[size], []
     surface, block = (  # at least four points per shortest wave
-        self_affine(2e3 * math.pi, shape, 1, max(4, min(shape) // 4), roll_off=2, slope=0.1)
+        self_affine(
+            2e3 * math.pi, shape, 1, max(4, min(shape) // 4), roll_off=2, slope=0.1
+        )
         for shape in (grid["points"], grid["fem_points"])
     )
     capped = partial(_boundary_elements, surface, grid["baseline_steps"]), methods
@@ -110,25 +119,40 @@ def stability(
 
 
 def _solved(
-    solve: Callable[[], ContactResult], effort: str, examine: Callable[[ContactResult], float]
+    solve: Callable[[], ContactResult],
+    effort: str,
+    examine: Callable[[ContactResult], float],
 ) -> dict[str, Any]:
-    """Return a row that says if a solve converges and passes the examination, and its effort."""
+    """Return a row that says if a solve converges and passes the examination, and its
+    effort.
+    """
     try:
         result = solve()
     except _FAILURES as error:
-        residual = float(max(getattr(error, "residuals", {}).values(), default=math.nan))
+        residual = float(
+            max(getattr(error, "residuals", {}).values(), default=math.nan)
+        )
         kind = "" if isinstance(error, EpcontactError) else f"{type(error).__name__}: "
         return _row(math.nan, residual, f"{kind}{error}")
     residual = examine(result)
     reason = f"claims to have converged, but violates a condition by {residual:.1e}"
-    return _row(float(result.cost[effort]), residual, "" if residual <= EXAMINED else reason)
+    return _row(
+        float(result.cost[effort]), residual, "" if residual <= EXAMINED else reason
+    )
 
 
 def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
-    return {"converged": not reason, "effort": effort, "residual": residual, "reason": reason}
+    return {
+        "converged": not reason,
+        "effort": effort,
+        "residual": residual,
+        "reason": reason,
+    }
 
 
-def _boundary_elements(surface: Surface, most_steps: int, method: str, x: float, y: float) -> Any:
+def _boundary_elements(
+    surface: Surface, most_steps: int, method: str, x: float, y: float
+) -> Any:
     unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero
     pressure = x * (y * unit if math.isfinite(y) else unit)
     scene = Scene(surface, Material(1e11, 0.0, y * unit), Load(pressure))
@@ -153,7 +177,9 @@ def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
 
 
 def _sum(method: str, x: float, y: float) -> Any:
-    """The error of the areas by a method; the package's own are judged by their symmetry."""
+    """The error of the areas by a method; the package's own are judged by their
+    symmetry.
+    """
 
     def package(share: float) -> tuple[float, float, float]:
         areas = persson.areas(y, share, 1.0)
@@ -165,16 +191,22 @@ def _sum(method: str, x: float, y: float) -> Any:
     exact, terms = package(x), 1
     if method == "package":
         mirrored = package(1 - x)
-        error = max(abs(sum(exact) - 1), off(exact[1], mirrored[2]), off(exact[0], mirrored[0]))
+        error = max(
+            abs(sum(exact) - 1), off(exact[1], mirrored[2]), off(exact[0], mirrored[0])
+        )
     else:
-        terms, areas = (_eigenfunctions if method == "eigenfunctions" else _images)(x, y)
+        terms, areas = (_eigenfunctions if method == "eigenfunctions" else _images)(
+            x, y
+        )
         error = max(off(a, b) for a, b in zip(areas, exact, strict=True))
     reason = f"an area is off by {error:.1e} of itself after {terms} terms"
     return _row(float(terms), error, "" if error <= AREA_ERROR else reason)
 
 
 def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """Elastic, plastic and separated area by the sine series, summed until it is constant."""
+    """Elastic, plastic and separated area by the sine series, summed until it is
+    constant.
+    """
     elastic = force = 0.0
     for n in range(1, _TERMS + 1):
         decay = math.exp(-((n * math.pi) ** 2) * t)
@@ -212,11 +244,15 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
         f"a condition of contact; {_failed(table)} of {len(table)} failed ({size} map)."
     )
     x, y = (sorted(table[axis].unique()) for axis in "xy")
-    return stability_map(panels, x, y, labels=(labels[0], labels[1]), count=count, caption=caption)
+    return stability_map(
+        panels, x, y, labels=(labels[0], labels[1]), count=count, caption=caption
+    )
 
 
 def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
-    """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and .txt."""
+    """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and
+    .txt.
+    """
     paths = [Path(folder) / "stability.json"]
     content = {
         "schema": "epcontact-stability-1",

@@ -1,8 +1,9 @@
 """Rough surfaces: their recipes, spectra and filters.
 
-A recipe is frozen and cheap.  Its `fingerprint`, `shape` and `periods` identify the surface in a
-scene's digest before any heights exist, and `build()` makes the `Surface`.  The same classes check
-the table [surface] of a case file, which selects one by its `kind`.
+A recipe is frozen and cheap.  Its `fingerprint`, `shape` and `periods` identify the
+surface in a scene's digest before any heights exist, and `build()` makes the `Surface`.
+The same classes check the table [surface] of a case file, which selects one by its
+`kind`.
 
     self_affine     random phases on an analytic spectrum
     shapes          sinusoids, paraboloid, sphere, flat punch
@@ -20,14 +21,22 @@ from epcontact.surfaces.measured import (
     Mirrored,
     residual_surface,
 )
-from epcontact.surfaces.power_spectrum import Topography, filtered, power_by_octave, topography
+from epcontact.surfaces.power_spectrum import (
+    Topography,
+    filtered,
+    power_by_octave,
+    topography,
+)
 from epcontact.surfaces.recipe import Recipe, SurfaceAbsent, require_room, unit_of
 from epcontact.surfaces.self_affine import SelfAffine, SelfAffineEnsemble, grid_shape
 from epcontact.surfaces.shapes import FlatPunch, Paraboloid, Sinusoid, Sphere
 from epcontact.surfaces.treatment import Treatment
 
-#: The registry: every form of the table [surface] of a case file, selected by its `kind`.
-CaseSurface = SelfAffineEnsemble | Sinusoid | Paraboloid | Sphere | FlatPunch | HeightsFromFile
+#: The registry: every form of the table [surface] of a case file, selected by its
+#: `kind`.
+CaseSurface = (
+    SelfAffineEnsemble | Sinusoid | Paraboloid | Sphere | FlatPunch | HeightsFromFile
+)
 
 
 def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:

@@ -1,14 +1,16 @@
-"""Heights from files: .npy, tables of numbers, results (.vti), meshes and instruments' formats.
+"""Heights from files: .npy, tables of numbers, results (.vti), meshes and instruments'
+formats.
 
-Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a header that
-promises more than the file holds is detected before memory is allocated.
+Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a
+header that promises more than the file holds is detected before memory is allocated.
 
-A table of numbers is one as instruments and spreadsheets write it.  Its separator is a semicolon, a
-tabulator, a comma or white space.  With any but the comma, numbers may have a decimal comma.  Lines
-above the table that do not begin with a number are its header, and # begins a comment.  Empty cells
-and NaN are points without a height.  Text that is not UTF-8 is read as UTF-16 if it begins like it,
-otherwise as Latin-1.  The heights of a table or .npy file are as in a picture: x runs along its
-lines.  Three columns of x, y and height on a grid are a map, whose missing points have no height.
+A table of numbers is one as instruments and spreadsheets write it.  Its separator is a
+semicolon, a tabulator, a comma or white space.  With any but the comma, numbers may
+have a decimal comma.  Lines above the table that do not begin with a number are its
+header, and # begins a comment.  Empty cells and NaN are points without a height.  Text
+that is not UTF-8 is read as UTF-16 if it begins like it, otherwise as Latin-1.  The
+heights of a table or .npy file are as in a picture: x runs along its lines.  Three
+columns of x, y and height on a grid are a map, whose missing points have no height.
 """
 
 from __future__ import annotations
@@ -33,9 +35,12 @@ from epcontact.results import FloatArray
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
-_AS_PICTURE = "x runs along the lines of the file and y from line to line, as in its picture"
-#: Bytes that a zip file (.x3p) may unpack to, unless they are few for its size: heights shrink
-#: ten times or so, zeros a thousand times.  A reader holds three times as much (measured, 1.27).
+_AS_PICTURE = (
+    "x runs along the lines of the file and y from line to line, as in its picture"
+)
+#: Bytes that a zip file (.x3p) may unpack to, unless they are few for its size: heights
+#: shrink ten times or so, zeros a thousand times.  A reader holds three times as much
+#: (measured, 1.27).
 _UNPACKED, _SHRUNK, _HELD = 2**28, 100, 3
 
 
@@ -45,12 +50,16 @@ class HeightMap:
 
     heights: NDArray[Any]
     in_metres: bool = False  # whether the file gives its unit, and the heights are in m
-    periods: tuple[float, ...] | None = None  # in the unit of the heights, if the file gives them
+    periods: tuple[float, ...] | None = (
+        None  # in the unit of the heights, if the file gives them
+    )
     notes: tuple[str, ...] = ()
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file's content.  Raises InvalidScene if it cannot be read."""
+    """Return the SHA-256 of a file's content.  Raises InvalidScene if it cannot be
+    read.
+    """
     with _refusing(path), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -67,17 +76,24 @@ def read_heights(path: Path) -> HeightMap:
 
 @contextmanager
 def _refusing(path: Path, words: str = "") -> Iterator[None]:
-    """Turn errors of the system into InvalidScene; with words for them, those of a parser, too."""
+    """Turn errors of the system into InvalidScene; with words for them, those of a
+    parser, too.
+    """
     try:
         yield
     except InvalidScene:
         raise
     except OSError as error:
-        raise InvalidScene(f"{path}: {(error.strerror or str(error)).lower()}") from None
+        raise InvalidScene(
+            f"{path}: {(error.strerror or str(error)).lower()}"
+        ) from None
     except (Exception, SystemExit) as error:  # each parser has errors of its own
         if not words:
             raise
-        said = " ".join(str(error).split("; use")[0].split()).rstrip(".") or type(error).__name__
+        said = (
+            " ".join(str(error).split("; use")[0].split()).rstrip(".")
+            or type(error).__name__
+        )
         said = said if len(said) <= 160 else said[:159] + "…"
         what, semicolon, remedy = words.partition(";")
         raise InvalidScene(f"{path}: {what} ({said}){semicolon}{remedy}") from None
@@ -90,12 +106,16 @@ def _read_npy(path: Path) -> HeightMap:
 
 
 def _read_fields(path: Path) -> HeightMap:
-    """The surface that a result has left: the heights of its .vti file, less the plastic flow."""
+    """The surface that a result has left: the heights of its .vti file, less the
+    plastic flow.
+    """
     try:
         file = read_fields(path)
         heights = file.field("heights").astype(np.float64)
     except OutputError:
-        raise InvalidScene(f"{path}: is no whole .vti file of a result with heights") from None
+        raise InvalidScene(
+            f"{path}: is no whole .vti file of a result with heights"
+        ) from None
     if "plastic_displacement" in file.fields:
         heights -= file.fields["plastic_displacement"]
     elif file.attributes.get("option.law") == "j2":
@@ -107,7 +127,9 @@ def _read_fields(path: Path) -> HeightMap:
 
 
 def _read_mesh(path: Path) -> HeightMap:
-    """The heights z of a mesh whose points lie on a regular grid in x and y, NaN where none is."""
+    """The heights z of a mesh whose points lie on a regular grid in x and y, NaN where
+    none is.
+    """
     import meshio
 
     # Text that meshio tries as numbers may overflow.
@@ -117,14 +139,22 @@ def _read_mesh(path: Path) -> HeightMap:
 
 
 def _gridded(points: FloatArray, path: Path) -> HeightMap:
-    """The map of points (n, 3), x, y and height on a regular grid; NaN where no point is."""
-    if points.shape[1:] == (3,) and len(points) >= 4 and np.isfinite(points[:, :2]).all():
+    """The map of points (n, 3), x, y and height on a regular grid; NaN where no point
+    is.
+    """
+    if (
+        points.shape[1:] == (3,)
+        and len(points) >= 4
+        and np.isfinite(points[:, :2]).all()
+    ):
         (x, dx), (y, dy) = map(_even_places, points.T[:2])
         nx, ny = int(x.max()) + 1, int(y.max()) + 1
         if min(nx, ny) >= 2 and nx * ny <= 2 * len(points) and dx * dy > 0:
             heights = np.full((nx, ny), np.nan)
             heights[x, y] = points[:, 2]
-            if np.array_equal(heights[x, y], points[:, 2], equal_nan=True):  # none above another
+            if np.array_equal(
+                heights[x, y], points[:, 2], equal_nan=True
+            ):  # none above another
                 return HeightMap(heights, periods=(nx * dx, ny * dy))
     raise InvalidScene(
         f"{path}: its points are no height map: they lie on no regular grid in x and y, or above "
@@ -133,8 +163,9 @@ def _gridded(points: FloatArray, path: Path) -> HeightMap:
 
 
 def _even_places(values: FloatArray) -> tuple[NDArray[np.intp], float]:
-    """Return the place of each coordinate on a ladder of even steps, and the step; 0 if off it by
-    a hundredth of the step, as files keep few digits."""
+    """Return the place of each coordinate on a ladder of even steps, and the step; 0 if
+    off it by a hundredth of the step, as files keep few digits.
+    """
     span, gaps = float(np.ptp(values)), np.diff(np.unique(values))
     if span == 0:
         return np.zeros(values.size, np.intp), 0.0
@@ -171,21 +202,28 @@ def _read_instrument(path: Path) -> HeightMap:
         if in_metres := topography.unit is not None:
             topography = topography.to_unit("m")
         if not topography.is_uniform:
-            raise InvalidScene(f"{path}: its points lie on no regular grid; resample it first")
+            raise InvalidScene(
+                f"{path}: its points lie on no regular grid; resample it first"
+            )
         # Points without a height are masked.
         heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
         periods = tuple(map(float, topography.physical_sizes)) if in_metres else None
         return HeightMap(heights, in_metres, periods)
 
 
-# --- tables of numbers ---------------------------------------------------------------------------
+# --- tables of numbers
+# ---------------------------------------------------------------------------
 
 
 def _read_table(path: Path) -> HeightMap:
-    """The heights of a table: its lines are those of a picture, a single row or column a line."""
+    """The heights of a table: its lines are those of a picture, a single row or column
+    a line.
+    """
     text, encoding = _text(path.read_bytes())
     text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
-    stripped = (line.partition("#")[0].strip(" \r\n\ufeff") for line in text.splitlines())
+    stripped = (
+        line.partition("#")[0].strip(" \r\n\ufeff") for line in text.splitlines()
+    )
     lines = {number: line for number, line in enumerate(stripped, 1) if line}
     if not lines or "\0" in text:
         raise InvalidScene(f"{path}: is no table of numbers")
@@ -210,7 +248,9 @@ def _read_table(path: Path) -> HeightMap:
     ]
     notes += [f"lines skipped above the table of heights: {header}"] * bool(header)
     notes += ["the commas of the file were read as decimal commas"] * (decimal == ",")
-    notes += [f"the file is no UTF-8 and was read as {encoding}"] * (encoding != "utf-8")
+    notes += [f"the file is no UTF-8 and was read as {encoding}"] * (
+        encoding != "utf-8"
+    )
     if points:
         notes.append("its columns are x, y and height, all in one unit")
         return replace(_gridded(table, path), notes=tuple(notes))
@@ -228,7 +268,9 @@ def _text(content: bytes) -> tuple[str, str]:
 
 
 def _form(line: str) -> tuple[str | None, str]:
-    """Return the separator (None: white space) and the decimal mark of a line of numbers."""
+    """Return the separator (None: white space) and the decimal mark of a line of
+    numbers.
+    """
     for separator in (";", "\t"):
         if separator in line:
             return separator, "," if "," in line else "."
@@ -240,16 +282,25 @@ def _form(line: str) -> tuple[str | None, str]:
 
 
 def _both(lines: list[str]) -> bool:
-    """True if every second cell between commas holds decimals: digits of one length, some with a
-    zero in front."""
+    """True if every second cell between commas holds decimals: digits of one length,
+    some with a zero in front.
+    """
     rows = [line.rstrip(", ").split(",") for line in lines]
     after = [cell.strip() for row in rows for cell in row[1::2]]
     even = len({*map(len, after)}) == 1 and not any(len(row) % 2 for row in rows)
-    return even and all(map(str.isdigit, after)) and any(re.match(r"0\d", one) for one in after)
+    return (
+        even
+        and all(map(str.isdigit, after))
+        and any(re.match(r"0\d", one) for one in after)
+    )
 
 
-def _rows(lines: dict[int, str], separator: str | None, decimal: str) -> Iterator[list[float]]:
-    """Yield the numbers of each line below the header.  Raises ValueError, which names a line."""
+def _rows(
+    lines: dict[int, str], separator: str | None, decimal: str
+) -> Iterator[list[float]]:
+    """Yield the numbers of each line below the header.  Raises ValueError, which names
+    a line.
+    """
     # With a decimal comma, a point makes no number.
     marks = str.maketrans(",.", ".,") if decimal == "," else {}
     width = 0
@@ -257,20 +308,24 @@ def _rows(lines: dict[int, str], separator: str | None, decimal: str) -> Iterato
         row, wrong = [], ""
         for cell in (part.strip() for part in line.split(separator)):
             try:
-                row.append(math.nan if cell.lower() in MISSING else float(cell.translate(marks)))
+                row.append(
+                    math.nan
+                    if cell.lower() in MISSING
+                    else float(cell.translate(marks))
+                )
             except ValueError:
                 wrong = wrong or cell
         if wrong and (width or re.match(r"[+-]?[.,]?\d", line)):
             shown = repr(wrong if len(wrong) <= 40 else wrong[:39] + "…")
-            hint = (
-                "; begin the lines of a header with #, and separate numbers by ; , tabs or spaces"
-            )
+            hint = "; begin the lines of a header with #, and separate numbers by ; , tabs or spaces"
             hint = "" if width else hint
             raise ValueError(f"line {number} holds {shown}{hint}")
         if wrong:
             continue
         if len(row) != (width or len(row)):
-            raise ValueError(f"line {number} holds {len(row)} numbers, the one above {width}")
+            raise ValueError(
+                f"line {number} holds {len(row)} numbers, the one above {width}"
+            )
         width = len(row)
         yield row
     if not width:
@@ -287,9 +342,13 @@ def _is_list_of_points(table: FloatArray) -> bool:
 
 
 def _looks_like_coordinates(table: FloatArray) -> bool:
-    """Return whether the first column alone has even steps, which heights may have as well."""
+    """Return whether the first column alone has even steps, which heights may have as
+    well.
+    """
     # The corner between the coordinates of both axes may be empty.
-    steps = np.diff(table[1:, :2] / 4, axis=0)  # a quarter, as the largest numbers would overflow
+    steps = np.diff(
+        table[1:, :2] / 4, axis=0
+    )  # a quarter, as the largest numbers would overflow
     if steps.shape[0] < 8 or steps.shape[1] < 2:
         return False
     even, beside = np.ptp(steps, axis=0) < 0.01 * np.abs(steps[0])

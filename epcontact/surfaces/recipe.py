@@ -1,8 +1,10 @@
-"""The parts that all recipes share: their interface, their fields and the checks of them.
+"""The parts that all recipes share: their interface, their fields and the checks of
+them.
 
-A recipe is a frozen dataclass and also the checked form of the table [surface] of a case file.
-Each field is stated once, in its annotation: type, unit, meaning and bounds.  Pydantic checks case
-files by it and `Fields` a Python user's arguments, and it is listed at the end of a docstring.
+A recipe is a frozen dataclass and also the checked form of the table [surface] of a
+case file. Each field is stated once, in its annotation: type, unit, meaning and bounds.
+Pydantic checks case files by it and `Fields` a Python user's arguments, and it is
+listed at the end of a docstring.
 """
 
 from __future__ import annotations
@@ -10,7 +12,16 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, fields, is_dataclass
 from types import NoneType
-from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    Protocol,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from pydantic import BeforeValidator, Field, Strict
 from pydantic.fields import FieldInfo
@@ -47,13 +58,18 @@ class SurfaceAbsent(InvalidScene):
     """The file of a surface is absent, and the user called it optional."""
 
 
-# --- fields --------------------------------------------------------------------------------------
+# --- fields
+# --------------------------------------------------------------------------------------
 
 
 def entry(unit: str, meaning: str, **bounds: Any) -> Any:
-    """Return the part of an annotation that gives a field's unit ("": none), meaning and bounds."""
+    """Return the part of an annotation that gives a field's unit ("": none), meaning
+    and bounds.
+    """
     words = f"{unit}; {meaning}" if unit else meaning
-    return Field(description=words, json_schema_extra={"unit": unit} if unit else None, **bounds)
+    return Field(
+        description=words, json_schema_extra={"unit": unit} if unit else None, **bounds
+    )
 
 
 def _as_tuple(value: Any) -> Any:
@@ -74,18 +90,26 @@ Whole = Annotated[int, Strict()]
 Lengths = Annotated[
     tuple[Real, ...],
     BeforeValidator(
-        lambda value: _as_tuple(value) if isinstance(value, list | tuple | dict) else (value,),
+        lambda value: (
+            _as_tuple(value) if isinstance(value, list | tuple | dict) else (value,)
+        ),
         json_schema_input_type=float | list[float],
     ),
 ]
-Periods = Annotated[Lengths, entry("m", "one length, or [x, y]", validation_alias="period")]
+Periods = Annotated[
+    Lengths, entry("m", "one length, or [x, y]", validation_alias="period")
+]
 Shape = Annotated[
-    tuple[Whole, ...], sequence(int), entry("", "grid points [nx, ny], or [nx] for a line")
+    tuple[Whole, ...],
+    sequence(int),
+    entry("", "grid points [nx, ny], or [nx] for a line"),
 ]
 
 
 class Fields:
-    """The base of recipes: checks the fields by their annotations, and lists them in the help."""
+    """The base of recipes: checks the fields by their annotations, and lists them in
+    the help.
+    """
 
     #: The type and the `entry` of each field that has one.
     entries: ClassVar[dict[str, tuple[Any, FieldInfo]]]
@@ -99,7 +123,9 @@ class Fields:
             for info in getattr(part, "__metadata__", ())
             if isinstance(info, FieldInfo) and info.description
         }
-        stated = "\n".join(f"        {n}: {f.description}." for n, (_, f) in cls.entries.items())
+        stated = "\n".join(
+            f"        {n}: {f.description}." for n, (_, f) in cls.entries.items()
+        )
         raised = "        InvalidScene: if a value is out of its range or does not fit the others."
         text = (cls.__doc__ or "").rstrip()
         cls.__doc__ = f"{text}\n\n    Args:\n{stated}\n\n    Raises:\n{raised}\n    "
@@ -120,7 +146,9 @@ def unit_of(recipe: Any, name: str) -> str:
 def _checked(name: str, given: Any, kind: Any, info: FieldInfo, unit: str) -> Any:
     """Return a field's value as its annotation asks for it.  Raises InvalidScene."""
     kinds = get_args(kind) if NoneType in get_args(kind) else (kind,)
-    bounds = {key: value for bound in info.metadata for key, value in asdict(bound).items()}
+    bounds = {
+        key: value for bound in info.metadata for key, value in asdict(bound).items()
+    }
     if given is None and NoneType in kinds:
         return None
     if float in kinds and bounds.get("gt") == 0:
@@ -132,11 +160,14 @@ def _checked(name: str, given: Any, kind: Any, info: FieldInfo, unit: str) -> An
     return given
 
 
-# --- surfaces that follow from their fields ------------------------------------------------------
+# --- surfaces that follow from their fields
+# ------------------------------------------------------
 
 
 class Generated(Fields):
-    """A recipe whose heights follow from its fields alone, on a grid that is one of them."""
+    """A recipe whose heights follow from its fields alone, on a grid that is one of
+    them.
+    """
 
     #: The name and version of the formula, with which a fingerprint begins.
     formula: ClassVar[str]
@@ -144,7 +175,11 @@ class Generated(Fields):
     def __post_init__(self: Any) -> None:
         super().__post_init__()
         shape, periods = self.shape, self.periods
-        if isinstance(periods, tuple) and len(periods) == 1 and isinstance(shape, tuple):
+        if (
+            isinstance(periods, tuple)
+            and len(periods) == 1
+            and isinstance(shape, tuple)
+        ):
             periods = periods * max(1, len(shape))
         shape, periods = checked_grid(shape, periods)
         settle(self, shape=shape, periods=periods)
@@ -155,7 +190,9 @@ class Generated(Fields):
         return f"{self.formula} {_words(self)}"
 
     def build(self: Any) -> Surface:
-        """Make the surface.  Raises NotEnoughMemory if its heights do not fit into memory."""
+        """Make the surface.  Raises NotEnoughMemory if its heights do not fit into
+        memory.
+        """
         require_room(self.shape)
         heights = self._heights()
         heights.flags.writeable = False
@@ -165,13 +202,17 @@ class Generated(Fields):
         raise NotImplementedError
 
     def _known(self) -> dict[str, Any]:
-        """Return `spectrum`, `seed` and `shortest_wavelength` of the surface, if they are known."""
+        """Return `spectrum`, `seed` and `shortest_wavelength` of the surface, if they
+        are known.
+        """
         return {}
 
 
 def _words(value: Any) -> str:
     if is_dataclass(value):
-        names = [f.name for f in fields(value) if f.name != "kind"]  # the formula gives the kind
+        names = [
+            f.name for f in fields(value) if f.name != "kind"
+        ]  # the formula gives the kind
         return " ".join(f"{name}={_words(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return "(" + ",".join(map(_words, value)) + ")"
@@ -180,11 +221,16 @@ def _words(value: Any) -> str:
     return repr(int(value)) if value == int(value) else repr(float(value))
 
 
-# --- grids ---------------------------------------------------------------------------------------
+# --- grids
+# ---------------------------------------------------------------------------------------
 
 
-def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Return matching shape and periods as tuples of int and float.  Raises InvalidScene."""
+def checked_grid(
+    given_shape: Any, given_periods: Any
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return matching shape and periods as tuples of int and float.  Raises
+    InvalidScene.
+    """
     try:
         shape = tuple(whole("shape", n, 2) for n in given_shape)
         periods = tuple(positive("periods", p, "m") for p in given_periods)
@@ -194,7 +240,9 @@ def checked_grid(given_shape: Any, given_periods: Any) -> tuple[tuple[int, ...],
             "(nx, ny) and (Lx, Ly), or (nx,) and (L,) for a line, are needed"
         ) from None
     if len(shape) not in (1, 2):
-        raise InvalidScene(f"shape is {given_shape!r}, but must be one or two whole numbers")
+        raise InvalidScene(
+            f"shape is {given_shape!r}, but must be one or two whole numbers"
+        )
     if len(periods) != len(shape):
         right = f"{len(shape)} positive lengths in m"
         raise InvalidScene(f"periods is {given_periods!r}, but must be {right}")

@@ -1,14 +1,16 @@
-"""Self-affine surfaces by random phases: one recipe, and the table of a case file that makes many.
+"""Self-affine surfaces by random phases: one recipe, and the table of a case file that
+makes many.
 
 The height is the band-limited real field
 
     h(x) = sum_q B(q) exp(i (q.x + phi_q)),   phi_-q = -phi_q,
 
-over all modes of the period with q_0 <= |q| <= q_1; on a line B(q) = sqrt(pi C1(q) / L).
+over all modes of the period with q_0 <= |q| <= q_1; on a line B(q) = sqrt(pi C1(q) /
+L).
 
-phi_q depends only on the seed and the mode's two integers (a counter-based generator: a 64-bit
-mixer over mode and seed).  So a finer grid samples the same surface, and a wider band only adds
-roughness to it (up to the factor that keeps the rms slope).
+phi_q depends only on the seed and the mode's two integers (a counter-based generator: a
+64-bit mixer over mode and seed).  So a finer grid samples the same surface, and a wider
+band only adds roughness to it (up to the factor that keeps the rms slope).
 """
 
 from __future__ import annotations
@@ -24,7 +26,14 @@ from pydantic import Field
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum, listed, positive, require_kind, settle, whole
+from epcontact.scene import (
+    SelfAffineSpectrum,
+    listed,
+    positive,
+    require_kind,
+    settle,
+    whole,
+)
 from epcontact.surfaces.recipe import (
     Fields,
     Generated,
@@ -42,7 +51,9 @@ _BLOCK = 1 << 16
 
 
 def grid_shape(
-    spectrum: SelfAffineSpectrum, periods: tuple[float, ...], points_per_shortest_wavelength: float
+    spectrum: SelfAffineSpectrum,
+    periods: tuple[float, ...],
+    points_per_shortest_wavelength: float,
 ) -> tuple[int, ...]:
     """Return the grid with a given number of points per shortest wavelength 2 pi / q_1.
 
@@ -63,7 +74,9 @@ def grid_shape(
     lengths = [positive("periods", p, "m") for p in listed(periods)]
     name = "points_per_shortest_wavelength"
     points = positive(name, points_per_shortest_wavelength, "points")
-    shape = tuple(round(points * p * spectrum.wavenumber_high / (2 * math.pi)) for p in lengths)
+    shape = tuple(
+        round(points * p * spectrum.wavenumber_high / (2 * math.pi)) for p in lengths
+    )
     for period, count in zip(lengths, shape, strict=True):
         if count < 2:
             raise InvalidScene(
@@ -77,7 +90,8 @@ def grid_shape(
 class SelfAffine(Generated):
     """Self-affine roughness by random phases, with the exact rms slope on the grid.
 
-    The grid needs more than two points per shortest wavelength: at two, a mode's phase is lost.
+    The grid needs more than two points per shortest wavelength: at two, a mode's phase
+        is lost.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 8.0, rms_slope=0.5)
@@ -114,15 +128,20 @@ class SelfAffine(Generated):
 
     def _known(self) -> dict[str, Any]:
         shortest = 2 * math.pi / self.spectrum.wavenumber_high
-        return {"spectrum": self.spectrum, "seed": self.seed, "shortest_wavelength": shortest}
+        return {
+            "spectrum": self.spectrum,
+            "seed": self.seed,
+            "shortest_wavelength": shortest,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class SelfAffineEnsemble(Fields):
-    """Several surfaces of one self-affine spectrum: the table [surface] of kind self_affine.
+    """Several surfaces of one self-affine spectrum: the table [surface] of kind
+    self_affine.
 
-    Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period is used for
-    both directions of a surface; a line must give its shape.
+    Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period
+    is used for both directions of a surface; a line must give its shape.
 
     Example:
         >>> ensemble = SelfAffineEnsemble(
@@ -141,7 +160,8 @@ class SelfAffineEnsemble(Fields):
     wavenumber_high: Annotated[Real, entry("rad/m", "no roughness above", gt=0)]
     rms_slope: Annotated[Real, entry("m/m", "exact on the grid", gt=0)]
     points_per_shortest_wavelength: Annotated[
-        Whole | None, entry("", "grid points per 2 pi / wavenumber_high; or give shape", ge=3)
+        Whole | None,
+        entry("", "grid points per 2 pi / wavenumber_high; or give shape", ge=3),
     ] = None
     shape: Shape | None = None
     seeds: Annotated[
@@ -172,7 +192,8 @@ class SelfAffineEnsemble(Fields):
         return tuple(SelfAffine(spectrum, periods, shape, seed) for seed in self.seeds)
 
 
-# --- heights -------------------------------------------------------------------------------------
+# --- heights
+# -------------------------------------------------------------------------------------
 
 
 def _highest_index(wavenumber: float, period: float) -> int:
@@ -181,8 +202,9 @@ def _highest_index(wavenumber: float, period: float) -> int:
 
 
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
-    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.  The mixer
-    is the finaliser of SplitMix64 (Steele, Lea and Flood 2014)."""
+    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
+    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014).
+    """
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
     word = (kx.astype(np.uint64) << np.uint64(32)) | low
@@ -215,25 +237,32 @@ def grid_heights(recipe: SelfAffine) -> FloatArray:
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
-    # Only columns with nonzero modes need the transform along x, which is done in place.
+    # Only columns with nonzero modes need the transform along x, which is done in
+    # place.
     columns = _highest_index(recipe.spectrum.wavenumber_high, recipe.periods[1]) + 1
     filled = modes[:, :columns]
     filled *= recipe.spectrum.rms_slope / math.sqrt(slope_variance)
     ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
-    heights = np.empty((nx, ny))  # an array made by the FFT library would be copied later
+    heights = np.empty(
+        (nx, ny)
+    )  # an array made by the FFT library would be copied later
     ducc0.fft.c2r(modes, (1,), ny, forward=False, out=heights)
     return heights
 
 
 def _fill_modes(recipe: SelfAffine, modes: NDArray[np.complex128]) -> float:
-    """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all of them.
+    """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all
+    of them.
 
-    The amplitudes are equation (8) of the paper: B(q) = (2 pi / sqrt(Lx Ly)) sqrt(C(q)), C = C_0 f.
-    This function writes sqrt(f) exp(i phi) into the half plane ky >= 0.  The caller sets the common
-    factor from the returned sum, so that the rms slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+    The amplitudes are equation (8) of the paper: B(q) = (2 pi / sqrt(Lx Ly))
+    sqrt(C(q)), C = C_0 f. This function writes sqrt(f) exp(i phi) into the half plane
+    ky >= 0.  The caller sets the common factor from the returned sum, so that the rms
+    slope of the *grid*, sqrt(sum q^2 B^2), is exact.
     """
     qx, qy = (2 * math.pi / p for p in recipe.periods)
-    kx_max, ky_max = (_highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods)
+    kx_max, ky_max = (
+        _highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods
+    )
     ky = np.arange(ky_max + 1)[None, :]
     paired = np.where(ky == 0, 1.0, 2.0)  # columns ky > 0 count twice: for -ky, too
     slope_variance = 0.0

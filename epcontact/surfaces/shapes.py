@@ -1,11 +1,13 @@
-"""Surfaces with closed-form contact solutions: sinusoids, paraboloid, sphere, flat punch.
+"""Surfaces with closed-form contact solutions: sinusoids, paraboloid, sphere, flat
+punch.
 
-Grid point i along a direction is at x = i L / n.  Heights are measured upward and the rigid flat
-comes from above, so each shape touches first at its summit.  Only the sinusoids are band-limited.
-The others have kinks or walls, so their area converges with the grid spacing.
+Grid point i along a direction is at x = i L / n.  Heights are measured upward and the
+rigid flat comes from above, so each shape touches first at its summit.  Only the
+sinusoids are band-limited. The others have kinks or walls, so their area converges with
+the grid spacing.
 
-To add a shape, write a frozen dataclass like these with its own `kind` and `formula`, and add its
-name to the union `CaseSurface` of `epcontact.surfaces`.
+To add a shape, write a frozen dataclass like these with its own `kind` and `formula`,
+and add its name to the union `CaseSurface` of `epcontact.surfaces`.
 """
 
 from __future__ import annotations
@@ -19,9 +21,18 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import listed, number, settle
-from epcontact.surfaces.recipe import Generated, Periods, Real, Shape, Whole, entry, sequence
+from epcontact.surfaces.recipe import (
+    Generated,
+    Periods,
+    Real,
+    Shape,
+    Whole,
+    entry,
+    sequence,
+)
 
-#: Relative rounding of r^2; without it a rim through grid points would lose some of them.
+#: Relative rounding of r^2; without it a rim through grid points would lose some of
+#: them.
 _ON_THE_RIM = 1e-9
 
 _Centre = Annotated[
@@ -33,12 +44,14 @@ _Centre = Annotated[
 
 @dataclass(frozen=True)
 class Sinusoid(Generated):
-    """Waves along x, along y, or the product of both, with a crest at the origin and zero mean.
+    """Waves along x, along y, or the product of both, with a crest at the origin and
+    zero mean.
 
-    h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y likewise, as in
-    Westergaard (1939) and in Johnson, Greenwood and Higginson (1985).  With lambda = L / waves,
-    complete contact needs the pressure p* = pi E* amplitude / lambda, or sqrt(2) times as much for
-    the product on a square period.  A wave needs more than two grid points.
+    h = amplitude cos X, or amplitude cos X cos Y, with X = 2 pi waves x / Lx and Y
+    likewise, as in Westergaard (1939) and in Johnson, Greenwood and Higginson (1985).
+    With lambda = L / waves, complete contact needs the pressure p* = pi E* amplitude /
+    lambda, or sqrt(2) times as much for the product on a square period.  A wave needs
+    more than two grid points.
 
     Example:
         >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()
@@ -52,14 +65,17 @@ class Sinusoid(Generated):
     amplitude: Annotated[Real, entry("m", "from the mean plane to a crest", gt=0)]
     waves: Annotated[Whole, entry("", "whole waves in a period", ge=1)] = 1
     direction: Annotated[
-        Literal["x", "y", "both"], entry("", "waves along one direction, or the product of both")
+        Literal["x", "y", "both"],
+        entry("", "waves along one direction, or the product of both"),
     ] = "x"
     kind: Literal["sinusoid"] = field(default="sinusoid", kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.direction != "x" and len(self.shape) == 1:
-            raise InvalidScene(f"direction is {self.direction!r}, but a line has only x")
+            raise InvalidScene(
+                f"direction is {self.direction!r}, but a line has only x"
+            )
         for axis in self._axes:
             if self.shape[axis] <= 2 * self.waves:
                 raise InvalidScene(
@@ -75,12 +91,15 @@ class Sinusoid(Generated):
         waves = [np.ones(n) for n in self.shape]
         for axis in self._axes:
             n = self.shape[axis]
-            # Whole turns are removed as integers, so that equal phases have equal heights.
+            # Whole turns are removed as integers, so that equal phases have equal
+            # heights.
             waves[axis] = np.cos(2 * math.pi * ((self.waves * np.arange(n)) % n / n))
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _known(self) -> dict[str, Any]:
-        return {"shortest_wavelength": min(self.periods[a] for a in self._axes) / self.waves}
+        return {
+            "shortest_wavelength": min(self.periods[a] for a in self._axes) / self.waves
+        }
 
 
 class _Centred(Generated):
@@ -106,8 +125,8 @@ class _Round(_Centred):
 class Paraboloid(_Round):
     """One bump h = -r^2 / (2 radius) (on a line a parabolic cylinder), summit at h = 0.
 
-    r is the distance to the nearest periodic image.  Hertz's theory is exact for this shape except
-    for the effect of the images.
+    r is the distance to the nearest periodic image.  Hertz's theory is exact for this
+    shape except for the effect of the images.
 
     Example:
         >>> bump = Paraboloid((1e-3, 1e-3), (64, 64), radius=1e-2).build()
@@ -126,7 +145,8 @@ class Paraboloid(_Round):
 class Sphere(_Round):
     """The upper half of a ball (on a line, of a cylinder) on a flat, summit at h = 0.
 
-    h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; r as in Paraboloid.
+    h = sqrt(radius^2 - r^2) - radius within r < radius, -radius outside; r as in
+    Paraboloid.
 
     Example:
         >>> ball = Sphere((1e-3,), (8,), radius=2.5e-4).build()
@@ -138,14 +158,16 @@ class Sphere(_Round):
     kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
     def _heights(self) -> FloatArray:
-        # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at the summit.
+        # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at
+        # the summit.
         within = np.minimum(squared_distance(self), self.radius**2)
         return np.asarray(within / -(self.radius + np.sqrt(self.radius**2 - within)))
 
 
 @dataclass(frozen=True)
 class FlatPunch(_Centred):
-    """A flat circular plateau (on a line a strip) at h = 0 over a flat floor at h = -depth.
+    """A flat circular plateau (on a line a strip) at h = 0 over a flat floor at h =
+    -depth.
 
     Grid points on the rim belong to the plateau.
 
@@ -158,7 +180,9 @@ class FlatPunch(_Centred):
     periods: Periods
     shape: Shape
     radius: Annotated[Real, entry("m", "radius, or half-width of a strip", gt=0)]
-    depth: Annotated[Real, entry("m", "height of the post over what surrounds it", gt=0)]
+    depth: Annotated[
+        Real, entry("m", "height of the post over what surrounds it", gt=0)
+    ]
     centre: _Centre = ()
     kind: Literal["flat_punch"] = field(default="flat_punch", kw_only=True)
 
@@ -170,7 +194,9 @@ class FlatPunch(_Centred):
 def squared_distance(recipe: Any) -> FloatArray:
     """Return r^2 from each grid point to the nearest image of the centre, in m^2."""
     squares = []
-    for n, period, centre in zip(recipe.shape, recipe.periods, recipe.centre, strict=True):
+    for n, period, centre in zip(
+        recipe.shape, recipe.periods, recipe.centre, strict=True
+    ):
         offset = np.arange(n) / n - centre
         squares.append((period * (offset - np.rint(offset))) ** 2)
     return np.asarray(sum(np.ix_(*squares)))

@@ -1,14 +1,14 @@
 """Analytic self-affine spectra: densities and moments in closed form.
 
 With f(q) = 1 from q_0 to q_r and (q/q_r)^(-s) from there to q_1 (s = 2 + 2H on a
-surface, 1 + 2H on a line), the density is C = C_0 f, and C_0 follows from the rms slope xi.
-The moments are
+surface, 1 + 2H on a line), the density is C = C_0 f, and C_0 follows from the rms slope
+xi. The moments are
 
     surface   m_j = 2 pi int q^(j+1) C dq        line   m_j = int q^j C1 dq
 
-with m_0 = h_rms^2 and m_2 = xi^2.  Both pieces of each integral are powers of q.  Their integral
-int_a^b q^(n-1) dq = a^n L exprel(n L), with L = ln(b/a) and exprel(t) = (e^t - 1)/t, has no
-cancellation at any exponent, n = 0 included.
+with m_0 = h_rms^2 and m_2 = xi^2.  Both pieces of each integral are powers of q.  Their
+integral int_a^b q^(n-1) dq = a^n L exprel(n L), with L = ln(b/a) and exprel(t) = (e^t -
+1)/t, has no cancellation at any exponent, n = 0 included.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 
-#: A wave number this close (relatively) to a band's limit counts as inside.  Otherwise a period of
-#: seven digits would lose the modes at the limits.
+#: A wave number this close (relatively) to a band's limit counts as inside.  Otherwise
+#: a period of seven digits would lose the modes at the limits.
 BAND_TOLERANCE = 1e-6
 
 
 def amplitude_shape(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int
 ) -> FloatArray:
-    """Return sqrt(f(q)), the amplitudes without their common factor; 0 outside the band."""
+    """Return sqrt(f(q)), the amplitudes without their common factor; 0 outside the
+    band.
+    """
     q = np.asarray(wavenumber, dtype=np.float64)
     relative = np.maximum(q / spectrum.wavenumber_roll_off, 1.0)
     shape = relative ** -(spectrum.hurst + dimension / 2)
@@ -41,16 +43,25 @@ def amplitude_shape(
     return np.where(below | above, 0.0, shape)
 
 
-def density(spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2) -> FloatArray:
-    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a line."""
+def density(
+    spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
+) -> FloatArray:
+    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a
+    line.
+    """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
 
 
 def spectral_moment(
-    spectrum: SelfAffineSpectrum, order: float, dimension: int = 2, wavenumber: ArrayLike = math.inf
+    spectrum: SelfAffineSpectrum,
+    order: float,
+    dimension: int = 2,
+    wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """Return m_order of the spectrum up to `wavenumber`, in m^(2 - order), for any real order."""
+    """Return m_order of the spectrum up to `wavenumber`, in m^(2 - order), for any real
+    order.
+    """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * _shape_moment(spectrum, order, dimension, wavenumber)
 
@@ -58,16 +69,23 @@ def spectral_moment(
 def slope_variance_up_to(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """Return xi^2(q), the slope variance of all roughness up to `wavenumber`: 0 below the band."""
+    """Return xi^2(q), the slope variance of all roughness up to `wavenumber`: 0 below
+    the band.
+    """
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
 
 def _shape_moment(
-    spectrum: SelfAffineSpectrum, order: float, dimension: int, wavenumber: ArrayLike = math.inf
+    spectrum: SelfAffineSpectrum,
+    order: float,
+    dimension: int,
+    wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
     """Return the moment of f(q), that is of C with C_0 = 1."""
     if dimension not in (1, 2):
-        raise InvalidScene(f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)")
+        raise InvalidScene(
+            f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)"
+        )
     q0, q1 = spectrum.wavenumber_low, spectrum.wavenumber_high
     qr, hurst = spectrum.wavenumber_roll_off, spectrum.hurst
     if q1 <= q0:
@@ -92,7 +110,9 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
 def truncated(
     spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
 ) -> SelfAffineSpectrum:
-    """Cut a spectrum off at a wave number (rad/m); its rms slope decreases accordingly."""
+    """Cut a spectrum off at a wave number (rad/m); its rms slope decreases
+    accordingly.
+    """
     high = min(wavenumber_high, spectrum.wavenumber_high)
     if not high > spectrum.wavenumber_low:
         raise InvalidScene(

@@ -1,18 +1,22 @@
 """The treatment that makes a measured map a surface: holes, form, edges, band.
 
-A map is treated in this order, and a sentence on each step is among the notes of its surface:
+A map is treated in this order, and a sentence on each step is among the notes of its
+surface:
 
-1. outliers, spikes of an instrument, are found, and lose their heights if the user asks for it;
-2. a least-squares polynomial (`form`) is removed, fitted to the points that have a height;
+1. outliers, spikes of an instrument, are found, and lose their heights if the user asks
+   for it;
+2. a least-squares polynomial (`form`) is removed, fitted to the points that have a
+   height;
 3. points without a height (NaN) are filled;
 4. the map is mirrored at its edges, or taken as it is;
 5. waves outside a band are removed.
 
-Every method here is periodic, but a measured map rarely is: its heights jump across its edges.  A
-map counts as not periodic if the rms difference of its last and first rows is more than
-`LARGEST_JUMP` times the largest one of two neighbouring rows.  Mirrored, a map has no such cliffs,
-which count as slope in its spectrum and carry load as edges of punches do; it has four times the
-points.  `epcontact chart treatment` shows what each treatment does to the answers.
+Every method here is periodic, but a measured map rarely is: its heights jump across its
+edges.  A map counts as not periodic if the rms difference of its last and first rows is
+more than `LARGEST_JUMP` times the largest one of two neighbouring rows.  Mirrored, a
+map has no such cliffs, which count as slope in its spectrum and carry load as edges of
+punches do; it has four times the points.  `epcontact chart treatment` shows what each
+treatment does to the answers.
 """
 
 from __future__ import annotations
@@ -41,20 +45,25 @@ from epcontact.surfaces.recipe import Fields, Real, entry
 
 Treatment = Literal["mirrored", "periodic", "refuse"]
 EdgeField = Annotated[
-    Treatment, entry("", "of the edges: mirrored, taken as they are, or refused if heights jump")
+    Treatment,
+    entry("", "of the edges: mirrored, taken as they are, or refused if heights jump"),
 ]
 
-#: Edge jump over the largest jump between neighbours, above which a map counts as not periodic.
+#: Edge jump over the largest jump between neighbours, above which a map counts as not
+#: periodic.
 LARGEST_JUMP = 2.0
-#: An outlier is so many times as far from the median of its neighbours as 99 of 100 neighbours are
-#: apart, and times the spread of the heights around it.  Clean maps of 20 kinds reach 4.1 and .87,
-#: spikes of four times the rms height 4.4 and 1.1 to 40 (`laboratory.trial_map`).
+#: An outlier is so many times as far from the median of its neighbours as 99 of 100
+#: neighbours are apart, and times the spread of the heights around it.  Clean maps of
+#: 20 kinds reach 4.1 and .87, spikes of four times the rms height 4.4 and 1.1 to 40
+#: (`laboratory.trial_map`).
 SPIKE, SPREAD = 3.0, 1.2
-#: Heights whose rms is this share of those before form was removed are rounding: the map is flat.
+#: Heights whose rms is this share of those before form was removed are rounding: the
+#: map is flat.
 ROUNDING = 1e-12
-#: Errors by the treatment of edges, to which nine of ten maps of six kinds of surfaces keep
-#: (`epcontact chart treatment --full`), of areas over the total one.  These are times rms slope
-#: over rms curvature over the shorter side; EDGE_SHARES do not fall with the size of the map.
+#: Errors by the treatment of edges, to which nine of ten maps of six kinds of surfaces
+#: keep (`epcontact chart treatment --full`), of areas over the total one.  These are
+#: times rms slope over rms curvature over the shorter side; EDGE_SHARES do not fall
+#: with the size of the map.
 EDGE_ERRORS = {
     "mirrored": {"total_area": 1.5, "elastic_area": 2.6, "plastic_area": 1.2}
     | {"stiffness_loading": 5.0, "stiffness_unloading": 2.7, "conductance": 2.7},
@@ -72,10 +81,11 @@ _FORMS = {0: "mean height", 1: "least-squares plane", 2: "least-squares quadrati
 class Preparation(Fields):
     """The steps that a recipe of measured heights can ask for, beside `treatment`.
 
-    Outliers are told if they are kept; removed ones are filled like missing heights, which are
-    those of the nearest points ("nearest"), or span a hole like a soap film ("harmonic", the
-    solution of Laplace's equation).  By default, `form` is 1 for a map that
-    is mirrored, or taken as periodic though mostly a tilt makes its heights jump at the edges.
+    Outliers are told if they are kept; removed ones are filled like missing heights,
+    which are those of the nearest points ("nearest"), or span a hole like a soap film
+    ("harmonic", the solution of Laplace's equation).  By default, `form` is 1 for a map
+    that is mirrored, or taken as periodic though mostly a tilt makes its heights jump
+    at the edges.
     """
 
     missing: Annotated[
@@ -84,16 +94,23 @@ class Preparation(Fields):
     ] = "refuse"
     outliers: Annotated[
         Literal["keep", "remove"],
-        entry("", "spikes of an instrument: kept and told, or removed and filled (harmonic)"),
+        entry(
+            "",
+            "spikes of an instrument: kept and told, or removed and filled (harmonic)",
+        ),
     ] = "keep"
     form: Annotated[
         Literal[0, 1, 2] | None,
-        entry("", "order of the polynomial that is removed: 0 mean, 1 tilt, 2 curvature"),
+        entry(
+            "", "order of the polynomial that is removed: 0 mean, 1 tilt, 2 curvature"
+        ),
     ] = None
-    longest_wavelength: Annotated[Real | None, entry("m", "longer waves are removed", gt=0)] = None
-    shortest_wavelength: Annotated[Real | None, entry("m", "shorter waves are removed", gt=0)] = (
-        None
-    )
+    longest_wavelength: Annotated[
+        Real | None, entry("m", "longer waves are removed", gt=0)
+    ] = None
+    shortest_wavelength: Annotated[
+        Real | None, entry("m", "shorter waves are removed", gt=0)
+    ] = None
 
     def __post_init__(self: Any) -> None:
         super().__post_init__()
@@ -111,16 +128,28 @@ class Preparation(Fields):
     def steps(self: Any) -> str:
         """The steps as a part of a fingerprint."""
         words: str = f"{self.treatment}/2"
-        for name in ("missing", "outliers", "form", "longest_wavelength", "shortest_wavelength"):
+        for name in (
+            "missing",
+            "outliers",
+            "form",
+            "longest_wavelength",
+            "shortest_wavelength",
+        ):
             if getattr(self, name) not in (None, "refuse", "keep"):
                 words += f" {name}={getattr(self, name)!r}"
         return words
 
 
 def prepared(
-    given: NDArray[Any], recipe: Any, where: str, notes: Iterable[str] = (), unit: float = 1.0
+    given: NDArray[Any],
+    recipe: Any,
+    where: str,
+    notes: Iterable[str] = (),
+    unit: float = 1.0,
 ) -> Surface:
-    """Treat a recipe's heights, NaN where missing and in `unit` of metres.  Raises InvalidScene."""
+    """Treat a recipe's heights, NaN where missing and in `unit` of metres.  Raises
+    InvalidScene.
+    """
     heights = np.multiply(given, unit, dtype=np.float64, order="C")
     require_known(heights, where, recipe.missing)
     said = [*cautioned(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
@@ -149,53 +178,77 @@ def prepared(
         absent = int(np.count_nonzero(np.isnan(given)))
         heights = filled(heights, method)
         if absent:
-            missing = (
-                f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %)"
-            )
+            missing = f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %)"
             said.append(f"{missing}, filled by the method {method}")
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _jumping(jumps):
-        remedy = (
-            '"mirrored", which mirrors the map at its edges, or to "periodic" to take it as it is'
+        remedy = '"mirrored", which mirrors the map at its edges, or to "periodic" to take it as it is'
+        raise InvalidScene(
+            f"{where}: not periodic, {said[-1]}; set treatment to {remedy}"
         )
-        raise InvalidScene(f"{where}: not periodic, {said[-1]}; set treatment to {remedy}")
     periods = recipe.periods
     treated = recipe.treatment == "mirrored" or bool(why) or _jumping(jumps)
     if recipe.treatment == "mirrored":
         heights = np.pad(heights, [(0, n) for n in heights.shape], mode="symmetric")
         periods = tuple(2 * p for p in periods)
-        said.append("mirrored at its edges, so that the period is twice the map each way")
-    limits = {"longer": recipe.longest_wavelength, "shorter": recipe.shortest_wavelength}
-    if bounds := [f"{word} than {length:.3g} m" for word, length in limits.items() if length]:
-        low, high = (2 * math.pi / length if length else None for length in limits.values())
+        said.append(
+            "mirrored at its edges, so that the period is twice the map each way"
+        )
+    limits = {
+        "longer": recipe.longest_wavelength,
+        "shorter": recipe.shortest_wavelength,
+    }
+    if bounds := [
+        f"{word} than {length:.3g} m" for word, length in limits.items() if length
+    ]:
+        low, high = (
+            2 * math.pi / length if length else None for length in limits.values()
+        )
         heights = kept_waves(heights, periods, high or math.inf, low or 0.0)
         said.append(f"waves {' and '.join(bounds)} removed")
     heights.flags.writeable = False
-    known = {"shortest_wavelength": recipe.shortest_wavelength, "recipe": recipe.fingerprint}
-    return _with_doubts(Surface(heights, periods, notes=tuple(said), **known), recipe, treated)
+    known = {
+        "shortest_wavelength": recipe.shortest_wavelength,
+        "recipe": recipe.fingerprint,
+    }
+    return _with_doubts(
+        Surface(heights, periods, notes=tuple(said), **known), recipe, treated
+    )
 
 
 def _with_doubts(surface: Surface, recipe: Any, treated: bool) -> Surface:
-    """Add notes on the slopes of a map, and what the treatment of its edges may change."""
+    """Add notes on the slopes of a map, and what the treatment of its edges may
+    change.
+    """
     inside = inner_moments(surface)
     said = [*surface.notes, *_slope_notes(surface, inside.rms_slope)]
     if not treated or inside.rms_curvature == 0:
         return replace(surface, notes=tuple(said))
     length = inside.rms_slope / inside.rms_curvature / min(recipe.periods)
-    falling = {name: length * times for name, times in EDGE_ERRORS[recipe.treatment].items()}
+    falling = {
+        name: length * times for name, times in EDGE_ERRORS[recipe.treatment].items()
+    }
     shares = falling | EDGE_SHARES[recipe.treatment]
-    each = ", ".join(f"{n.replace('_', ' ')} {100 * s:.3g} %" for n, s in shares.items())
+    each = ", ".join(
+        f"{n.replace('_', ' ')} {100 * s:.3g} %" for n, s in shares.items()
+    )
     told = f"the treatment of the edges, {recipe.treatment}, changes in nine of ten maps by up to"
-    said.append(f"{told} (areas of the total one): {each}; this is a part of the error of each")
+    said.append(
+        f"{told} (areas of the total one): {each}; this is a part of the error of each"
+    )
     return replace(surface, notes=tuple(said), treatment_errors=shares)
 
 
 def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
-    """Yield the rms slopes of a map where they differ, that of its spectrum without jumps first."""
+    """Yield the rms slopes of a map where they differ, that of its spectrum without
+    jumps first.
+    """
     by_steps, with_edges = surface.rms_slope, surface_moments(surface).rms_slope
     if not math.isclose(slope, by_steps, rel_tol=0.01):
-        of_waves = f"rms slope {slope:.4g} of the spectrum, which an effective hardness takes"
+        of_waves = (
+            f"rms slope {slope:.4g} of the spectrum, which an effective hardness takes"
+        )
         yield f"{of_waves}, and {by_steps:.4g} from differences of neighbours"
     if with_edges != slope:
         yield (
@@ -205,7 +258,9 @@ def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
-    """Yield a warning of a height, far from all others, that may mark missing ones (-9999)."""
+    """Yield a warning of a height, far from all others, that may mark missing ones
+    (-9999).
+    """
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
         rest = heights[~marked & ~np.isnan(heights)]
@@ -216,7 +271,9 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
 
 
 def outliers(heights: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of the spikes, at most two points wide, of heights, NaN where missing."""
+    """Return the mask of the spikes, at most two points wide, of heights, NaN where
+    missing.
+    """
     from scipy import ndimage
 
     whole = filled(heights, "nearest") if np.isnan(heights).any() else heights
@@ -229,14 +286,20 @@ def outliers(heights: FloatArray) -> NDArray[np.bool_]:
     ring = np.ones((7,) * whole.ndim, bool)
     ring[(slice(2, 5),) * whole.ndim] = False
     padded = np.pad(whole, 3, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, ring.shape)[found][:, ring]
+    around = np.lib.stride_tricks.sliding_window_view(padded, ring.shape)[found][
+        :, ring
+    ]
     low, high = np.percentile(around, (10, 90), axis=1)
     found[found] = away[found] > SPREAD * (high - low)
     return np.asarray(found & ~np.isnan(heights))
 
 
-def _spike_notes(heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any) -> Iterator[str]:
-    """Yield how many outliers there are, where, and what becomes of them; warn if they stay."""
+def _spike_notes(
+    heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any
+) -> Iterator[str]:
+    """Yield how many outliers there are, where, and what becomes of them; warn if they
+    stay.
+    """
     spacing = np.divide(recipe.periods, heights.shape)
     first = (np.argwhere(spikes)[:6] * spacing).tolist()
     places = [f"({', '.join(f'{x:.3g}' for x in place)})" for place in first]
@@ -251,10 +314,15 @@ def _spike_notes(heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any) ->
 
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:
-    """Subtract the least-squares polynomial of total order 0, 1 or 2, to which NaN do not count."""
+    """Subtract the least-squares polynomial of total order 0, 1 or 2, to which NaN do
+    not count.
+    """
     left = heights.reshape(len(heights), -1).copy()
     known = ~np.isnan(left)
-    x, y = (np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order) for n in left.shape)
+    x, y = (
+        np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order)
+        for n in left.shape
+    )
     orders = np.arange(order + 1)
     kept = orders[:, None] + orders <= order
     normal = np.einsum("xi,xk,xy,yj,yl->ijkl", x, x, known * 1.0, y, y, optimize=True)
@@ -267,7 +335,9 @@ def form_removed(heights: FloatArray, order: int) -> FloatArray:
 
 
 def filled(heights: FloatArray, method: str) -> FloatArray:
-    """Give every NaN a height by the method "nearest" or "harmonic", the mean of its neighbours."""
+    """Give every NaN a height by the method "nearest" or "harmonic", the mean of its
+    neighbours.
+    """
     from scipy import ndimage, sparse
 
     absent = np.isnan(heights)
@@ -289,12 +359,16 @@ def filled(heights: FloatArray, method: str) -> FloatArray:
         pairs = (own[open_], numbers[place][open_])
         links += sparse.csc_matrix((np.ones(pairs[0].size), pairs), links.shape)
     result = heights.copy()
-    result[absent] = sparse.linalg.spsolve((sparse.diags(neighbours) - links).tocsc(), right)
+    result[absent] = sparse.linalg.spsolve(
+        (sparse.diags(neighbours) - links).tocsc(), right
+    )
     return result
 
 
 def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
-    """Return for each axis the rms jump at the edge and the largest between neighbouring rows."""
+    """Return for each axis the rms jump at the edge and the largest between
+    neighbouring rows.
+    """
     jumps = []
     for axis in range(heights.ndim):
         edge = np.take(heights, 0, axis) - np.take(heights, -1, axis)

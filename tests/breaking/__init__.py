@@ -3,10 +3,21 @@
 `python -m breaking`, in the folder of the tests, prints it.
 """
 
-from breaking import after, boundary, elements, judging, read, references, surfaces, theory
+from breaking import (
+    after,
+    boundary,
+    elements,
+    judging,
+    read,
+    references,
+    surfaces,
+    theory,
+)
 from breaking.fault import Fault, fails_under, honest_case, status_under
 
 __all__ = ["FAULTS", "Fault", "fails_under", "honest_case", "status_under"]
 
 ROOMS = (surfaces, theory, boundary, after, elements, references, judging, read)
-FAULTS: dict[str, Fault] = {fault.what: fault for room in ROOMS for fault in room.FAULTS}
+FAULTS: dict[str, Fault] = {
+    fault.what: fault for room in ROOMS for fault in room.FAULTS
+}

@@ -11,7 +11,10 @@ def main():
         seen = fault.test or f"{fault.case}: {fault.quantity}"
         print(f"{fault.room:<12}{fault.seen_by:<8}{fault.what:<66}{seen}")
     counts = Counter(fault.seen_by for fault in FAULTS.values())
-    print(f"{len(FAULTS)} faults: " + ", ".join(f"{n} by {by}" for by, n in counts.items()))
+    print(
+        f"{len(FAULTS)} faults: "
+        + ", ".join(f"{n} by {by}" for by, n in counts.items())
+    )
 
 
 if __name__ == "__main__":

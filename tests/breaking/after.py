@@ -29,11 +29,15 @@ def _other_branch(result, branch):
 
 
 def _alone(original):
-    """The displacement within half a period of a force, and none beyond: int_0^(qR) J_0 of it."""
+    """The displacement within half a period of a force, and none beyond: int_0^(qR) J_0
+    of it.
+    """
 
     def wrong(scene):
         modes, modulus = original(scene), effective_modulus(scene.material)
-        reach = scene.surface.periods[0] / modulus / np.where(modes > 0, modes, np.inf)  # q R
+        reach = (
+            scene.surface.periods[0] / modulus / np.where(modes > 0, modes, np.inf)
+        )  # q R
         return modes * itj0y0(reach)[0]
 
     return wrong
@@ -45,44 +49,115 @@ def _law(name, wrong):
 
 
 FAULTS = (
-    Fault("the residual surface from half of the points that flowed", "bem",
-        on_result(FLOWED, _deepest), "cycle-unloaded", "quantity.path_work"),
-    Fault("a reload on the deformed surface", "bem", changed(FLOWED, _on_the_deformed),
-        "cycle-capped", "quantity.path_work"),
-    Fault("the plastic work halved", "bem",
+    Fault(
+        "the residual surface from half of the points that flowed",
+        "bem",
+        on_result(FLOWED, _deepest),
+        "cycle-unloaded",
+        "quantity.path_work",
+    ),
+    Fault(
+        "a reload on the deformed surface",
+        "bem",
+        changed(FLOWED, _on_the_deformed),
+        "cycle-capped",
+        "quantity.path_work",
+    ),
+    Fault(
+        "the plastic work halved",
+        "bem",
         quantity("epcontact.bem.solve", "plastic_work", lambda work: work / 2),
-        "cycle-capped", "quantity.measured_figures"),
-    Fault("a factor of 2 in the conductance", "harness",
-        on_result(INTERFACE + "contact_conductance", lambda k: Limit(*(v / 2 for v in k))),
-        "rough-interface", "quantity.conductance"),
-    Fault("a correction of the conductance of the wrong sign", "harness",
-        on_result(INTERFACE + "limit_of", lambda k: k._replace(corrected=k.raw**2 / k.corrected)),
-        "punch-strip", "quantity.conductance"),
-    Fault("a contact without its periodic images", "harness",
-        changed(INTERFACE + "compliance", _alone), "rough-interface", "quantity.conductance"),
-    Fault("a conductance that claims a tenth of its error", "harness",
+        "cycle-capped",
+        "quantity.measured_figures",
+    ),
+    Fault(
+        "a factor of 2 in the conductance",
+        "harness",
+        on_result(
+            INTERFACE + "contact_conductance", lambda k: Limit(*(v / 2 for v in k))
+        ),
+        "rough-interface",
+        "quantity.conductance",
+    ),
+    Fault(
+        "a correction of the conductance of the wrong sign",
+        "harness",
+        on_result(
+            INTERFACE + "limit_of",
+            lambda k: k._replace(corrected=k.raw**2 / k.corrected),
+        ),
+        "punch-strip",
+        "quantity.conductance",
+    ),
+    Fault(
+        "a contact without its periodic images",
+        "harness",
+        changed(INTERFACE + "compliance", _alone),
+        "rough-interface",
+        "quantity.conductance",
+    ),
+    Fault(
+        "a conductance that claims a tenth of its error",
+        "harness",
         on_result(INTERFACE + "limit_of", lambda k: k._replace(error=k.error / 10)),
-        test="tests/test_interface.py::test_claims_cover_the_errors_of_limits"),
-    Fault("a conductance of insulating plastic spots", "harness",
+        test="tests/test_interface.py::test_claims_cover_the_errors_of_limits",
+    ),
+    Fault(
+        "a conductance of insulating plastic spots",
+        "harness",
         given(INTERFACE + "carrying", _other_branch),
-        "rough-interface", "quantity.conductance"),
-    Fault("the stiffness of the other branch", "harness",
+        "rough-interface",
+        "quantity.conductance",
+    ),
+    Fault(
+        "the stiffness of the other branch",
+        "harness",
         given(INTERFACE + "carrying", _other_branch),
-        "punch-capped", "quantity.stiffness_loading"),
-    Fault("the plastic work of J2 10 % too low", "fem_check",
-        quantity("epcontact.harness.methods.registry.contact_result", "plastic_work",
-            lambda work: 0.9 * work),
-        "cycle-j2", "quantity.path_work"),
-    Fault("patches that do not join over the period", "harness",
+        "punch-capped",
+        "quantity.stiffness_loading",
+    ),
+    Fault(
+        "the plastic work of J2 10 % too low",
+        "fem_check",
+        quantity(
+            "epcontact.harness.methods.registry.contact_result",
+            "plastic_work",
+            lambda work: 0.9 * work,
+        ),
+        "cycle-j2",
+        "quantity.path_work",
+    ),
+    Fault(
+        "patches that do not join over the period",
+        "harness",
         at(INTERFACE + "_patch_of_points", lambda mask, _: label(mask)[0][mask] - 1),
-        test="tests/test_interface.py::test_patches_join_over_the_period"),
-    Fault("the exponent of the law for flow 0.85", "reference",
+        test="tests/test_interface.py::test_patches_join_over_the_period",
+    ),
+    Fault(
+        "the exponent of the law for flow 0.85",
+        "reference",
         _law("Cooper-Mikic-Yovanovich", lambda load, hardness: 1.25 * load**0.85),
-        "conductance-plastic", "quantity.conductance", "cooper_mikic_yovanovich"),
-    Fault("the rms slope in the place of a profile's mean slope", "reference",
+        "conductance-plastic",
+        "quantity.conductance",
+        "cooper_mikic_yovanovich",
+    ),
+    Fault(
+        "the rms slope in the place of a profile's mean slope",
+        "reference",
         at("epcontact.reference.conductance.PROFILE", 1.0),
-        "conductance-plastic", "quantity.conductance", "cooper_mikic_yovanovich"),
-    Fault("the height in the place of the slope", "reference",
-        at("epcontact.reference.conductance.slope_of", lambda scene: scene.surface.rms_height),
-        "conductance-elastic", "quantity.conductance", "mikic"),
-)  # fmt: skip
+        "conductance-plastic",
+        "quantity.conductance",
+        "cooper_mikic_yovanovich",
+    ),
+    Fault(
+        "the height in the place of the slope",
+        "reference",
+        at(
+            "epcontact.reference.conductance.slope_of",
+            lambda scene: scene.surface.rms_height,
+        ),
+        "conductance-elastic",
+        "quantity.conductance",
+        "mikic",
+    ),
+)

@@ -1,4 +1,6 @@
-"""A deliberate fault: what is wrong, the patch that makes it so, and what must see it."""
+"""A deliberate fault: what is wrong, the patch that makes it so, and what must see
+it.
+"""
 
 from __future__ import annotations
 
@@ -36,18 +38,23 @@ class Fault:
     patch: Patch
     case: str = ""
     quantity: str = ""
-    against: str | float | None = None  # None: the only gate on the quantity, or all of them
+    against: str | float | None = (
+        None  # None: the only gate on the quantity, or all of them
+    )
     norm: str = ""  # where the gates on the quantity have several
     of: str = ""  # where they are of several methods
     test: str = ""  # that must fail instead, if no gate sees the fault
-    #: So many of the case's surfaces are solved; None: all.  One surface has no interval, but a
-    #: band that holds eight of them also holds any one within 2.5 standard deviations.
+    #: So many of the case's surfaces are solved; None: all.  One surface has no
+    #: interval, but a band that holds eight of them also holds any one within 2.5
+    #: standard deviations.
     surfaces: int | None = None
     status: str = FALLS_SHORT  # of the gate, or REFUSED if verify withdraws the verdict
 
     @property
     def seen_by(self):
-        """Name what shows the fault: a bare "verify", "cases" (pytest cases) or a "test"."""
+        """Name what shows the fault: a bare "verify", "cases" (pytest cases) or a
+        "test".
+        """
         if self.test:
             return "test"
         return "verify" if honest_case(self.case).head.verify else "cases"
@@ -64,27 +71,35 @@ REFUSED = "refused"
 
 
 def status_under(fault, output):
-    """Judge the fault's gate alone, with the methods that it needs; the first if there are several.
+    """Judge the fault's gate alone, with the methods that it needs; the first if there
+    are several.
 
-    With the fault's patch in place this is what `epcontact verify` finds under the fault.
+    With the fault's patch in place this is what `epcontact verify` finds under the
+    fault.
     """
     case = honest_case(fault.case)
     gates = tuple(
-        gate for gate in case.gates
-        if gate.quantity == fault.quantity and fault.against in (None, gate.against)
-        and fault.norm in ("", gate.norm) and fault.of in ("", gate.of)
-    )  # fmt: skip
+        gate
+        for gate in case.gates
+        if gate.quantity == fault.quantity
+        and fault.against in (None, gate.against)
+        and fault.norm in ("", gate.norm)
+        and fault.of in ("", gate.of)
+    )
     assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
     needed = {gates[0].of, gates[0].against}
     methods = tuple(name for name in case.methods if name in needed)
-    case = case.changed(gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces])
+    case = case.changed(
+        gates=gates[:1], methods=methods, recipes=case.recipes[: fault.surfaces]
+    )
     try:
         return verify(case, jobs=1, output=output, fresh=True).cases[0].gates[0].status
     except OutputError:
         return REFUSED
 
 
-# --- patches -------------------------------------------------------------------------------------
+# --- patches
+# -------------------------------------------------------------------------------------
 
 
 def changed(path, change):
@@ -114,16 +129,22 @@ def scaled(path, factor):
 
 def on_result(path, wrong):
     """What a function returns, passed through `wrong`."""
-    return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: wrong(f(*a, **k))))
+    return changed(
+        path, lambda f: functools.wraps(f)(lambda *a, **k: wrong(f(*a, **k)))
+    )
 
 
 def given(path, wrong):
     """A function called with the arguments (a tuple) that `wrong` makes of its own."""
-    return changed(path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k)))
+    return changed(
+        path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k))
+    )
 
 
 def edited(path, old, new):
-    """A function with one text in the place of another in its source, wherever it is known."""
+    """A function with one text in the place of another in its source, wherever it is
+    known.
+    """
     attribute = path.rpartition(".")[2]
 
     def patch(monkeypatch):
@@ -154,7 +175,9 @@ def solver(wrong):
     """A solver in the place of the boundary elements."""
 
     def patch(monkeypatch):
-        answer = replace(METHODS["bem"], solve=lambda scene, options, threads: wrong(scene))
+        answer = replace(
+            METHODS["bem"], solve=lambda scene, options, threads: wrong(scene)
+        )
         monkeypatch.setitem(METHODS, "bem", answer)
 
     return patch
@@ -166,25 +189,31 @@ def quantity(path, name, change):
     def wrong(result):
         last = result.final
         values = dict(last.quantities) | {name: change(last.quantities[name])}
-        return replace(result, steps=(*result.steps[:-1], replace(last, quantities=values)))
+        return replace(
+            result, steps=(*result.steps[:-1], replace(last, quantities=values))
+        )
 
     return on_result(path, wrong)
 
 
-# --- faults that a test sees ---------------------------------------------------------------------
+# --- faults that a test sees
+# ---------------------------------------------------------------------
 
 
 def fails_under(fault, folder):
     """True if the fault's test fails while the patch is in place.
 
-    The test's module is imported anew, so that its own names are those of the patched package.
+    The test's module is imported anew, so that its own names are those of the patched
+    package.
     """
     name = Path(fault.test.partition("::")[0]).stem
     kept = sys.modules.pop(name, None)
     arguments = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", ""]
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            code = pytest.main([*arguments, f"--basetemp={folder}", str(TESTS.parent / fault.test)])
+            code = pytest.main(
+                [*arguments, f"--basetemp={folder}", str(TESTS.parent / fault.test)]
+            )
     finally:
         sys.modules.pop(name, None)
         if kept is not None:

@@ -1,7 +1,8 @@
-"""Faults of what a person reads, of solvers from outside, of files, and of quantities' values.
+"""Faults of what a person reads, of solvers from outside, of files, and of quantities'
+values.
 
-Each row of `read.tsv` replaces a text of a function or of the report's template, or multiplies what
-a function returns (×); a test sees it, or a case's gate.
+Each row of `read.tsv` replaces a text of a function or of the report's template, or
+multiplies what a function returns (×); a test sees it, or a case's gate.
 """
 
 import csv
@@ -27,9 +28,15 @@ def _template(_, old, new):
 with Path(__file__).with_suffix(".tsv").open(encoding="utf-8", newline="") as _file:
     _rows = list(csv.reader(_file, "excel-tab", quoting=csv.QUOTE_NONE))[1:]
 FAULTS = tuple(
-    Fault(what, path.split(".")[path[:3] == "epc"], scaled(path, float(new)) if old == "×" else
-          (_template if path.endswith(".jinja") else edited)(path, old, new),
-          *gate.split(), test="" if gate else test)
+    Fault(
+        what,
+        path.split(".")[path[:3] == "epc"],
+        scaled(path, float(new))
+        if old == "×"
+        else (_template if path.endswith(".jinja") else edited)(path, old, new),
+        *gate.split(),
+        test="" if gate else test,
+    )
     for what, path, old, new, test in _rows
     for gate in [test * (" " in test)]
-)  # fmt: skip
+)

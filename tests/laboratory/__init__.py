@@ -1,6 +1,7 @@
 """The laboratories: the code that measured the constants of the product.
 
-Run in `tests`, each prints its constants beside those in use (`python -m laboratory.rim`):
+Run in `tests`, each prints its constants beside those in use (`python -m
+laboratory.rim`):
 
 rim           the rim correction of areas, in ten seconds
 area_scenes   the scenes in which corrected areas once were wrong, in three minutes

@@ -1,15 +1,18 @@
-"""The bank: scenes of many kinds on nested grids, with which the area estimate is judged.
+"""The bank: scenes of many kinds on nested grids, with which the area estimate is
+judged.
 
-Each scene is a surface of one of KINDS with a load, a hardness and 3 to 16 points per shortest
-wavelength, all drawn by its seed, on grids of 64, 128 and 256 points a side, and on a reference
-of 1024.  The unit of pressure is E*, slopes are of order 1.  "unloaded" kinds are solved at a peak
-load first, and judged at a part of it on the surface that is left.  "rounded" and "quantised" kinds
-have heights in steps: the first is judged by the smooth surface, the second by that of the steps.
+Each scene is a surface of one of KINDS with a load, a hardness and 3 to 16 points per
+shortest wavelength, all drawn by its seed, on grids of 64, 128 and 256 points a side,
+and on a reference of 1024.  The unit of pressure is E*, slopes are of order 1.
+"unloaded" kinds are solved at a peak load first, and judged at a part of it on the
+surface that is left.  "rounded" and "quantised" kinds have heights in steps: the first
+is judged by the smooth surface, the second by that of the steps.
 
-`python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints the coverage,
-the median error and the ratio of claim to error, by kind, in some five minutes of one core, and the
-coverage on each grid of surfaces without a note that claims do not hold for their reading; with
-`--gaps` the errors of the mean gap, and with `--ablation` what each mechanism is worth.
+`python -m laboratory.area_bank [--seeds 5000:5012] [--keep FOLDER] [KIND ...]` prints
+the coverage, the median error and the ratio of claim to error, by kind, in some five
+minutes of one core, and the coverage on each grid of surfaces without a note that
+claims do not hold for their reading; with `--gaps` the errors of the mean gap, and with
+`--ablation` what each mechanism is worth.
 """
 
 from __future__ import annotations
@@ -66,7 +69,9 @@ def _domed(patch, rng):
         x, y = patch.offsets(rng.uniform(size=2))
         r, top = np.hypot(x, y * rng.choice([0, 1, 1.5])), rng.uniform(0.08, 0.25)
         radius, slope = 10 ** rng.uniform((-0.3, -1), (1, 0.5))
-        heights = np.maximum(heights, -(r**2) / 2 / radius - slope * np.maximum(r - top, 0))
+        heights = np.maximum(
+            heights, -(r**2) / 2 / radius - slope * np.maximum(r - top, 0)
+        )
     return heights
 
 
@@ -87,7 +92,9 @@ def _copies(patch, rng):
 
 
 def _noisy(patch, rng):
-    fine = Member(patch.shape, (1.0, 1.0), 0, 0, max(int(1.25 * patch.high), 2), patch.maker, 0)
+    fine = Member(
+        patch.shape, (1.0, 1.0), 0, 0, max(int(1.25 * patch.high), 2), patch.maker, 0
+    )
     return roughness(patch, rng, 0.8, 0.8) + 0.2 * roughness(fine, rng, 0.1, 0.1)
 
 
@@ -107,9 +114,15 @@ def _line(patch, rng):
     return np.cos(2 * np.pi * (np.outer(x, k) + rng.uniform(size=len(k)))) @ heights
 
 
-KINDS: dict[str, Maker] = {"self-affine": _rough, "oblong cells": _rough, "layers": _rough}
+KINDS: dict[str, Maker] = {
+    "self-affine": _rough,
+    "oblong cells": _rough,
+    "layers": _rough,
+}
 KINDS |= named(_noisy, _ground, _turned, _blasted, _copies, _domed) | {"worn": _wear}
-KINDS |= {kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")}
+KINDS |= {
+    kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")
+}
 KINDS |= {kind: study.KINDS[kind] for kind in ("outliers", "sharp cones", "quantised")}
 KINDS |= {
     "rounded": _rough,
@@ -120,14 +133,25 @@ KINDS |= {
 KINDS |= {"unloaded worn": _wear, "unloaded lines": _line}
 
 
-#: Kinds with edges, ridges or steps; those that are neither these nor unloaded are smooth.
-SHARP = ("turned", "blasted", "domed", "copies", "worn", "punches", "outliers", "quantised")
+#: Kinds with edges, ridges or steps; those that are neither these nor unloaded are
+#: smooth.
+SHARP = (
+    "turned",
+    "blasted",
+    "domed",
+    "copies",
+    "worn",
+    "punches",
+    "outliers",
+    "quantised",
+)
 
 
 @dataclass(frozen=True)
 class Scene:
     """One scene of the bank.  depth: of a sliding layer; after: the load after unloading by that
-    before, 1 where it only grows."""
+    before, 1 where it only grows.
+    """
 
     kind: str
     seed: int
@@ -144,18 +168,25 @@ class Scene:
             shape, periods = tuple(factor * n for n in one.shape), one.periods
         heights = np.broadcast_to(one.maker(replace(one, shape=shape), rng), shape)
         if self.kind == "rounded" and factor < REFERENCE:
-            step = heights.std() * 10 ** np.random.default_rng(self.seed).uniform(-3, -0.5)
+            step = heights.std() * 10 ** np.random.default_rng(self.seed).uniform(
+                -3, -0.5
+            )
             heights = np.round(heights / step) * step
         return np.ascontiguousarray(heights), periods
 
     def told(self, factor):
         """Whether a note says that claims may not hold for the reading of this kind."""
         notes = " ".join(Surface(*self.surface(factor)).notes)
-        words = {"rounded": {"for a smooth"}, "quantised": {"neither for", "not for its steps"}}
+        words = {
+            "rounded": {"for a smooth"},
+            "quantised": {"neither for", "not for its steps"},
+        }
         return any(said in notes for said in words.get(self.kind, ()))
 
     def solved(self, factor):
-        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as fine."""
+        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as
+        fine.
+        """
         one, (heights, periods) = self.member, self.surface(factor)
         shape = heights.shape
         q = rfft_wavenumbers(shape, periods)
@@ -163,13 +194,17 @@ class Scene:
         compliance, depth = 2 / q, np.minimum(2 * q * self.depth, 300.0)
         compliance *= (np.cosh(depth) - 1) / (np.sinh(depth) + depth)
         options = bem.Options(tolerance=1e-8)
-        found = bem.solve_pressure(heights, compliance, one.load, one.hardness, options=options)
+        found = bem.solve_pressure(
+            heights, compliance, one.load, one.hardness, options=options
+        )
         gap, flowed = found.gap(heights), None
         if self.after < 1:
             flowed = np.where(found.pressure >= one.hardness, np.maximum(-gap, 0), 0)
             left = heights - flowed
             load = self.after * one.load
-            found = bem.solve_pressure(left, compliance, load, one.hardness, options=options)
+            found = bem.solve_pressure(
+                left, compliance, load, one.hardness, options=options
+            )
             gap = found.gap(left)
         spacing = [length / n for length, n in zip(periods, shape, strict=True)]
         return found.pressure, gap, one.hardness, spacing, 1.0, flowed
@@ -179,7 +214,11 @@ def scene(kind, seed, points=64):
     """Draw a scene of a kind."""
     rng = np.random.default_rng([seed, *kind.encode()])
     per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
-    shape = (3 * points // 4, 3 * points // 2) if kind == "oblong cells" else (points, points)
+    shape = (
+        (3 * points // 4, 3 * points // 2)
+        if kind == "oblong cells"
+        else (points, points)
+    )
     hardness = 10 ** rng.uniform(-1.0, 0.1) if rng.uniform() < 0.6 else math.inf
     load, after = 10 ** rng.uniform(-2.2, 0.0), 1.0
     if kind.startswith("unloaded"):
@@ -199,7 +238,13 @@ def kept(folder: Path | None, one: Scene, factor: int):
         with np.load(path) as found:
             arrays = [found[name] for name in ("pressure", "gap", "flowed")]
             hardness, spacing = float(found["hardness"]), found["spacing"].tolist()
-        return (*arrays[:2], hardness, spacing, 1.0, arrays[2] if arrays[2].size else None)
+        return (
+            *arrays[:2],
+            hardness,
+            spacing,
+            1.0,
+            arrays[2] if arrays[2].size else None,
+        )
     solved = p, g, hardness, spacing, _, flowed = one.solved(factor)
     if path:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -213,7 +258,9 @@ def reference(folder: Path | None, one: Scene) -> FloatArray:
     path = folder and folder / f"{one.kind.replace(' ', '-')}-{one.seed}.txt"
     if path and path.exists():
         return np.loadtxt(path)
-    found = estimated(*one.solved(REFERENCE * (4 if one.kind.endswith("lines") else 1)))[1]
+    found = estimated(
+        *one.solved(REFERENCE * (4 if one.kind.endswith("lines") else 1))
+    )[1]
     exact = np.array([getattr(found, part) for part in PARTS])
     if path:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -227,7 +274,9 @@ def estimated(pressure, gap, hardness, spacing, modulus, flowed):
 
 
 def judged(kinds, seeds, folder=None, factors=FACTORS):
-    """A row for each scene, grid and part of the area: exact, raw, found and claimed areas."""
+    """A row for each scene, grid and part of the area: exact, raw, found and claimed
+    areas.
+    """
     rows = []
     for kind in kinds:
         for seed in seeds:
@@ -243,8 +292,13 @@ def judged(kinds, seeds, folder=None, factors=FACTORS):
                 told = kind in ("rounded", "quantised") and one.told(factor)
                 row = {"kind": kind, "seed": seed, "grid": factor, "told": told}
                 flows = math.isfinite(one.member.hardness) and one.after == 1
-                for part, truth in zip(PARTS if flows else PARTS[:1], exact, strict=False):
-                    areas = {"found": getattr(found, part), "claimed": getattr(error, part)}
+                for part, truth in zip(
+                    PARTS if flows else PARTS[:1], exact, strict=False
+                ):
+                    areas = {
+                        "found": getattr(found, part),
+                        "claimed": getattr(error, part),
+                    }
                     rows.append(row | areas | {"part": part, "exact": truth})
     table = pd.DataFrame(rows)
     table["error"] = (table.found - table.exact).abs()
@@ -253,9 +307,13 @@ def judged(kinds, seeds, folder=None, factors=FACTORS):
 
 
 def gaps(kinds, seeds):
-    """By kind: nine of ten errors of the mean gap, of it and over the claim that is times 1."""
+    """By kind: nine of ten errors of the mean gap, of it and over the claim that is
+    times 1.
+    """
     rows = []
-    for one in (scene(kind, seed) for kind in kinds for seed in seeds if "lines" not in kind):
+    for one in (
+        scene(kind, seed) for kind in kinds for seed in seeds if "lines" not in kind
+    ):
         opened = [float(np.maximum(one.solved(n)[1], 0).mean()) for n in (1, 8)]
         solution, heights = one.solved(1), one.surface(1)[0]
         raw, found, error = (a.total for a in estimated(*solution))
@@ -269,7 +327,9 @@ def gaps(kinds, seeds):
 
 
 def summary(table):
-    """By kind: coverage, medians in % of the exact area, and the factor that would cover 90 %."""
+    """By kind: coverage, medians in % of the exact area, and the factor that would
+    cover 90 %.
+    """
     large = table[table.exact > SMALLEST].copy()
     for name in ("error", "claimed"):
         large[name] *= 100 / large.exact
@@ -283,7 +343,9 @@ def summary(table):
 
 
 def without():
-    """What replaces which names of `rim_correction`, by the mechanism that is switched off."""
+    """What replaces which names of `rim_correction`, by the mechanism that is switched
+    off.
+    """
     whole = rim.sums_of_fronts
 
     def lacking(*names):
@@ -310,7 +372,9 @@ def without():
 
 
 def ablation(kinds, seeds, folder):
-    """Median error (%) and coverage (%) by group of kinds with each mechanism switched off."""
+    """Median error (%) and coverage (%) by group of kinds with each mechanism switched
+    off.
+    """
     judged(kinds, seeds, folder, (1,))  # references and solutions, with all of it
     groups, rows = dict.fromkeys(SHARP, "sharp"), {}
     groups |= {kind: kind.split()[0] for kind in kinds if kind.startswith("unloaded")}
@@ -318,7 +382,9 @@ def ablation(kinds, seeds, folder):
         with mock.patch.multiple(rim, **changed):
             table = judged(kinds, seeds, folder, (1,))
         table = table[table.exact > SMALLEST]
-        by = table.assign(relative=100 * table.error / table.exact, cover=100.0 * table.within)
+        by = table.assign(
+            relative=100 * table.error / table.exact, cover=100.0 * table.within
+        )
         by = by.groupby(by.kind.map(groups).fillna("smooth"))
         median, cover = by.relative.median().add_prefix("error, "), by.cover.mean()
         rows[name] = pd.concat([median, cover.add_prefix("cover, ")])
@@ -326,13 +392,17 @@ def ablation(kinds, seeds, folder):
 
 
 def main():
-    """Print the tables by kind: of the coarsest grid, and the coverage of each without a note."""
+    """Print the tables by kind: of the coarsest grid, and the coverage of each without
+    a note.
+    """
     parser = argparse.ArgumentParser()
     parser.add_argument("kinds", nargs="*", default=list(KINDS))
     parser.add_argument("--seeds", default="5000:5012")
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--gaps", action="store_true", help="of the mean gap instead")
-    parser.add_argument("--ablation", action="store_true", help="what each mechanism is worth")
+    parser.add_argument(
+        "--ablation", action="store_true", help="what each mechanism is worth"
+    )
     given = parser.parse_args()
     if given.ablation and not given.keep:
         given.keep = Path(tempfile.mkdtemp())
@@ -341,7 +411,9 @@ def main():
         print(gaps(given.kinds or list(KINDS), seeds).round(4).to_string())
         return
     if given.ablation:
-        print(ablation(given.kinds or list(KINDS), seeds, given.keep).round(2).to_string())
+        print(
+            ablation(given.kinds or list(KINDS), seeds, given.keep).round(2).to_string()
+        )
         return
     table = judged(given.kinds or list(KINDS), seeds, given.keep)
     print(summary(table[table.grid == 1]).round(2).to_string())

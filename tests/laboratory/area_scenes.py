@@ -1,8 +1,9 @@
 """Corrected areas of scenes that once were wrong and sure of it.
 
-`SCENES` are those in which users found the corrected area far from the truth and the claimed error
-smaller still; each says what was off then.  References are finer grids, E* is 1 and so is the
-period.  The study `resolution` has the errors on resolved roughness.
+`SCENES` are those in which users found the corrected area far from the truth and the
+claimed error smaller still; each says what was off then.  References are finer grids,
+E* is 1 and so is the period.  The study `resolution` has the errors on resolved
+roughness.
 
 `python -m laboratory.area_scenes` prints the table, in some three minutes of one core.
 """
@@ -33,7 +34,9 @@ def _posts(patch, rng, count, width, slope):
 
 
 def _disc(patch, rng, slope):
-    """A plateau of radius 1/4, with flanks of a slope or, if it is infinite, a step of 1/2."""
+    """A plateau of radius 1/4, with flanks of a slope or, if it is infinite, a step of
+    1/2.
+    """
     beyond = np.hypot(*patch.offsets((0.503, 0.4988))) - 0.25
     return -slope * np.maximum(beyond, 0) if slope < np.inf else -0.5 * (beyond > 0)
 
@@ -50,7 +53,9 @@ def _worn(patch, rng):
 
 @dataclass(frozen=True)
 class Scene:
-    """A surface under a load, what was off by how much, and how much finer its reference is."""
+    """A surface under a load, what was off by how much, and how much finer its
+    reference is.
+    """
 
     name: str
     was: dict[str, str]
@@ -66,14 +71,25 @@ def _member(maker, points, load, hardness=math.inf, high=16):
 _peak = partial(_posts, count=1, width=1 / 64, slope=0.0)
 _outliers = partial(_posts, count=42, width=1 / 256, slope=0.02)
 _punch, _cone = partial(_disc, slope=np.inf), partial(_disc, slope=0.5)
-_hurst_3, _hurst_5, _hurst_8 = (partial(roughness, low=h, high=h) for h in (0.3, 0.5, 0.8))
+_hurst_3, _hurst_5, _hurst_8 = (
+    partial(roughness, low=h, high=h) for h in (0.3, 0.5, 0.8)
+)
 _LIGHT = {"total": "-1.85 % (1.87)", "plastic": "-2.3 %"}
 _HEAVY = {"total": "-.98 % (1.2)", "plastic": "-1.7 %"}
 #: The errors that users found, and the claims beside them.
 SCENES = (
     Scene("one peak, p0 1", {"total": "-30 % (.001)"}, _member(_peak, 64, 1.0, 5.0)),
-    Scene("one peak, p0 4.5", {"plastic": "1700 times (1.04)"}, _member(_peak, 64, 4.5, 5.0)),
-    Scene("42 outliers", {"total": "-24 % (.006)"}, _member(_outliers, 256, 0.05, 0.6, 8), 4),
+    Scene(
+        "one peak, p0 4.5",
+        {"plastic": "1700 times (1.04)"},
+        _member(_peak, 64, 4.5, 5.0),
+    ),
+    Scene(
+        "42 outliers",
+        {"total": "-24 % (.006)"},
+        _member(_outliers, 256, 0.05, 0.6, 8),
+        4,
+    ),
     Scene("disc punch, 128", {"total": "-7.6 %"}, _member(_punch, 128, 0.05), 4),
     Scene("disc punch, 256", {"total": "-3.9 %"}, _member(_punch, 256, 0.05), 4),
     Scene("strip punch", {"total": "-4.5 %"}, _member(_strip, 96, 0.05), 4),
@@ -81,22 +97,34 @@ SCENES = (
     Scene("worn plateaus", {"plastic": "-42 % (4.4)"}, _member(_worn, 64, 0.1, 0.6)),
     Scene("Hurst .3, p0 .01", _LIGHT, _member(_hurst_3, 64, 0.01, 0.6)),
     Scene("Hurst .3, p0 .05", _HEAVY, _member(_hurst_3, 64, 0.05, 0.6)),
-    Scene("dx = 2 dy", {"plastic": "-3.5 % (2.5)"}, _member(_hurst_8, (64, 128), 0.05, 0.6)),
-    Scene("Hurst .3, soft", {"elastic": "-4.2 % (11-17)"}, _member(_hurst_3, 64, 0.05, 0.3)),
+    Scene(
+        "dx = 2 dy",
+        {"plastic": "-3.5 % (2.5)"},
+        _member(_hurst_8, (64, 128), 0.05, 0.6),
+    ),
+    Scene(
+        "Hurst .3, soft",
+        {"elastic": "-4.2 % (11-17)"},
+        _member(_hurst_3, 64, 0.05, 0.3),
+    ),
 )
 
 
 def judged(scenes, seeds=range(1, 6)):
-    """Mean errors of the parts that were off, in % of the exact area, over seeds of the surface.
+    """Mean errors of the parts that were off, in % of the exact area, over seeds of the
+    surface.
 
-    Returns a row for each scene and part: was, now (mean signed error), claimed (median), times
-    (the largest error divided by its claim) and raw (mean signed error of the count).
+    Returns a row for each scene and part: was, now (mean signed error), claimed
+    (median), times (the largest error divided by its claim) and raw (mean signed error
+    of the count).
     """
     rows = []
     for scene in scenes:
         maker = scene.member.maker
         random = maker is _worn or getattr(maker, "func", None) is roughness
-        members = [replace(scene.member, drawn=seed) for seed in (seeds if random else (1,))]
+        members = [
+            replace(scene.member, drawn=seed) for seed in (seeds if random else (1,))
+        ]
         found = [(*one.areas(1), one.areas(scene.finer)[1]) for one in members]
         for part, was in scene.was.items():
             raw, now, claimed, exact = np.array(
@@ -110,19 +138,23 @@ def judged(scenes, seeds=range(1, 6)):
     return pd.DataFrame(rows)
 
 
-#: Largest rms errors in % of the total, plastic and elastic area at four points per shortest wave.
+#: Largest rms errors in % of the total, plastic and elastic area at four points per
+#: shortest wave.
 AIMS = {64: (0.6, 1.0, 2.0), 128: (0.3, 0.5, 1.0)}
 
 
 def aims(points, seeds=range(1, 5), finer=FINER):
-    """Rms errors in % on roughness of Hurst exponent .8 and .5 with four points a wave, by hardness
-    and load, and how many of the claims hold (%)."""
+    """Rms errors in % on roughness of Hurst exponent .8 and .5 with four points a wave,
+    by hardness and load, and how many of the claims hold (%).
+    """
     rows = []
     for hardness, share in itertools.product((math.inf, 0.6, 0.3), (0.05, 0.1, 0.3)):
         found, claims = [], []
         load = share if math.isinf(hardness) else min(share, 0.5 * hardness)
         for maker, seed in itertools.product((_hurst_8, _hurst_5), seeds):
-            one = Member((points, points), (1.0, 1.0), load, hardness, points // 4, maker, seed)
+            one = Member(
+                (points, points), (1.0, 1.0), load, hardness, points // 4, maker, seed
+            )
             exact, (_, area, claim) = one.areas(finer)[1], one.areas(1)
             exact, area, claim = (
                 np.array([vars(a)[p] for p in PARTS]) for a in (exact, area, claim)

@@ -1,10 +1,12 @@
-"""What the breadth of a spectrum changes in the effective hardness, by J2 bodies of other spectra.
+"""What the breadth of a spectrum changes in the effective hardness, by J2 bodies of
+other spectra.
 
-`python -m laboratory.breadth`, run in tests, fits the term of `materials/hardness_map.py` to one
-half of the ensembles that `breadth.csv` keeps and judges the others in a table; those with seeds
-from 401 were solved after the constants had been chosen.  `--solve` first solves all of them anew,
-and `--solve QUERY` those of a pandas query alone, such as "severity == 100 and waves == 16".
-An ensemble is compared with one of the map's kind on as many nodes to the shortest wave.
+`python -m laboratory.breadth`, run in tests, fits the term of
+`materials/hardness_map.py` to one half of the ensembles that `breadth.csv` keeps and
+judges the others in a table; those with seeds from 401 were solved after the constants
+had been chosen.  `--solve` first solves all of them anew, and `--solve QUERY` those of
+a pandas query alone, such as "severity == 100 and waves == 16". An ensemble is compared
+with one of the map's kind on as many nodes to the shortest wave.
 """
 
 import sys
@@ -22,7 +24,8 @@ FILE = Path(__file__).with_suffix(".csv")
 METAL = ["nodes", "poisson_ratio", "severity", "load"]
 SPECTRUM = ["waves", "roll_off", "hurst"]
 LOADS, MAP = (0.1, 0.25, 0.5, 1.0), (4, 1, 0.8)
-#: The spectra of the fit, which is at 6 nodes to the shortest wave and Poisson's ratio .3.
+#: The spectra of the fit, which is at 6 nodes to the shortest wave and Poisson's ratio
+#: .3.
 FITTED = [(2, 1, 0.8), (8, 1, 0.8), (32, 1, 0.8), (8, 4, 0.8), (32, 4, 0.8)]
 
 
@@ -38,23 +41,31 @@ def solved(rows):
 
 
 def compared(rows):
-    """Each ensemble with the relative change from that of the map's kind, and its 95 % error."""
+    """Each ensemble with the relative change from that of the map's kind, and its 95 %
+    error.
+    """
     usual = (rows[SPECTRUM] == list(MAP)).all(axis=1)
-    table = rows[~usual].merge(rows[usual], on=[*METAL, "first_seed"], suffixes=("", "_usual"))
+    table = rows[~usual].merge(
+        rows[usual], on=[*METAL, "first_seed"], suffixes=("", "_usual")
+    )
     table["change"] = table["ratio"] / table["ratio_usual"] - 1
     table["breadth"] = table["waves"] / table["roll_off"]
     return table.assign(error=np.hypot(table["error"], table["error_usual"]))
 
 
 def terms(table):
-    """ln(b/4), as it grows with severity, and how the number of waves differs, over the load."""
+    """ln(b/4), as it grows with severity, and how the number of waves differs, over the
+    load.
+    """
     flow = table["severity"] / (8 + table["severity"])
     size = (1 - 4 / table["waves"]) / table["load"]
     return np.column_stack([flow * np.log(table["breadth"] / 4), size])
 
 
 def judged(rows):
-    """The comparisons: whether they taught the term, what it tells and claims, and if it holds."""
+    """The comparisons: whether they taught the term, what it tells and claims, and if
+    it holds.
+    """
     table = compared(rows)
     spectra = pd.MultiIndex.from_frame(table[SPECTRUM])
     table["taught"] = (
@@ -67,7 +78,9 @@ def judged(rows):
 
 
 def main():
-    """Print the fit to one half of the ensembles, and how the term does on each of the other."""
+    """Print the fit to one half of the ensembles, and how the term does on each of the
+    other.
+    """
     rows = pd.read_csv(FILE)
     if sys.argv[1:2] == ["--solve"]:
         for table in solved(rows.query(sys.argv[2]) if sys.argv[2:] else rows):
@@ -76,12 +89,23 @@ def main():
     table = judged(rows)
     one = table[table["taught"]]
     weight = 1 / np.hypot(one["error"], 0.02).to_numpy()
-    t, w = np.linalg.lstsq(terms(one) * weight[:, None], one["change"] * weight, rcond=None)[0]
+    t, w = np.linalg.lstsq(
+        terms(one) * weight[:, None], one["change"] * weight, rcond=None
+    )[0]
     print(
         f"t {t:.4f} and w {w:.4f} at 6 nodes to the shortest wave; {kept.TREND}, {kept.LARGE} taken"
     )
     other = table[~table["taught"]]
-    columns = [*METAL, *SPECTRUM, "surfaces", "change", "error", "told", "claimed", "within"]
+    columns = [
+        *METAL,
+        *SPECTRUM,
+        "surfaces",
+        "change",
+        "error",
+        "told",
+        "claimed",
+        "within",
+    ]
     print(other[columns].round(3).to_string(index=False))
     print(f"within the claim and the scatter: {other['within'].sum()} of {len(other)}")
 

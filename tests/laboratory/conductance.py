@@ -1,14 +1,16 @@
-"""Make the table of what rough joints conduct, and fit the formula of `epcontact joint` to it.
+"""Make the table of what rough joints conduct, and fit the formula of `epcontact joint`
+to it.
 
-`python -m laboratory.conductance` measures `epcontact/studies/conductance.csv` anew, in a quarter
-of an hour, and fits the formula; `python -m laboratory.conductance judge` fits the kept table.  The
-constants come from every second Hurst exponent and hardness of the blocks SEEN, the error from the
-rest of them.  The blocks UNSEEN, of other exponents, breadths, hardnesses, loads and surfaces,
-serve neither, and say how many of their places are within the error.
-`python -m laboratory.conductance corners` judges it at the ends of the ranges, in a minute.
-`python -m laboratory.conductance spots` judges laws of spots on the solver's own contacts, Holm's
-(every spot alone) and Greenwood's (with their mutual resistance), Persson's theory of the mean
-separation, and contacts of J2 flow, in five minutes.
+`python -m laboratory.conductance` measures `epcontact/studies/conductance.csv` anew, in
+a quarter of an hour, and fits the formula; `python -m laboratory.conductance judge`
+fits the kept table.  The constants come from every second Hurst exponent and hardness
+of the blocks SEEN, the error from the rest of them.  The blocks UNSEEN, of other
+exponents, breadths, hardnesses, loads and surfaces, serve neither, and say how many of
+their places are within the error. `python -m laboratory.conductance corners` judges it
+at the ends of the ranges, in a minute. `python -m laboratory.conductance spots` judges
+laws of spots on the solver's own contacts, Holm's (every spot alone) and Greenwood's
+(with their mutual resistance), Persson's theory of the mean separation, and contacts of
+J2 flow, in five minutes.
 """
 
 from __future__ import annotations
@@ -38,7 +40,11 @@ from epcontact.studies.hardness import model_scene
 from epcontact.studies.paper_scene import theory_of
 
 FILE = Path(study.__file__).with_name("conductance.csv")
-_FEW = {"hurst": (0.3, 0.6, 0.9), "hardness": (0.03, 0.1, 0.3, 1.0), "load": (0.01, 0.1)}
+_FEW = {
+    "hurst": (0.3, 0.6, 0.9),
+    "hardness": (0.03, 0.1, 0.3, 1.0),
+    "load": (0.01, 0.1),
+}
 _OTHER = {"hurst": (0.45, 0.7), "hardness": (0.045, 0.09, 0.2, 0.4, 0.7)}
 #: The blocks of the table, and those that the fit does not see.
 SEEN = [
@@ -49,14 +55,20 @@ SEEN = [
     {"breadth": (32,), "seed": range(501, 505), "waves": (4,)} | _FEW,
 ]
 UNSEEN = [
-    {"breadth": (3, 6, 12), "load": (0.002, 0.006, 0.02, 0.06, 0.2), "seed": range(601, 609)}
+    {
+        "breadth": (3, 6, 12),
+        "load": (0.002, 0.006, 0.02, 0.06, 0.2),
+        "seed": range(601, 609),
+    }
     | _OTHER,
     {"breadth": (24,), "load": (0.006, 0.06), "seed": range(601, 605)} | _OTHER,
 ]
 
 
 def table_of(blocks, say=print):
-    """The means of blocks, with eight waves of the roll-off to the period or their own number."""
+    """The means of blocks, with eight waves of the roll-off to the period or their own
+    number.
+    """
     found = [study.means(say, **({"waves": (8,)} | block)) for block in blocks]
     return pd.concat(found, ignore_index=True)
 
@@ -65,9 +77,24 @@ def table_of(blocks, say=print):
 FULL = 0.4
 #: Places at the ends of the accepted ranges, on surfaces of their own.
 CORNERS = [
-    {"breadth": (12,), "hurst": (0.35, 0.85), "hardness": (0.03, 0.1), "load": (0.003, 0.1, 0.24)},
-    {"breadth": (2, 12), "hurst": (0.35, 0.85), "hardness": (0.7, 1.0), "load": (0.003, 0.11)},
-    {"breadth": (2, 5), "hurst": (0.35, 0.85), "hardness": (0.03, 0.3), "load": (0.1, 0.21)},
+    {
+        "breadth": (12,),
+        "hurst": (0.35, 0.85),
+        "hardness": (0.03, 0.1),
+        "load": (0.003, 0.1, 0.24),
+    },
+    {
+        "breadth": (2, 12),
+        "hurst": (0.35, 0.85),
+        "hardness": (0.7, 1.0),
+        "load": (0.003, 0.11),
+    },
+    {
+        "breadth": (2, 5),
+        "hurst": (0.35, 0.85),
+        "hardness": (0.03, 0.3),
+        "load": (0.1, 0.21),
+    },
 ]
 
 
@@ -88,15 +115,23 @@ def accepted(table):
 
 def corners(seeds=range(811, 815)):
     """The formula over fresh surfaces at CORNERS."""
-    table = accepted(table_of([block | {"seed": seeds} for block in CORNERS], lambda _: None))
-    return table.assign(formula=np.exp(misfit(table, (laws.FACTOR, laws.ELASTIC, laws.CLUSTER))))
+    table = accepted(
+        table_of([block | {"seed": seeds} for block in CORNERS], lambda _: None)
+    )
+    return table.assign(
+        formula=np.exp(misfit(table, (laws.FACTOR, laws.ELASTIC, laws.CLUSTER)))
+    )
 
 
 def parts(table):
-    """The rows that are fitted, those that give the error, and those of the blocks UNSEEN."""
+    """The rows that are fitted, those that give the error, and those of the blocks
+    UNSEEN.
+    """
     own = table["hurst"].isin(SEEN[0]["hurst"])
     seen = table[own]
-    odd = sum(seen[name].rank(method="dense") for name in ("hurst", "hardness")) % 2 == 1
+    odd = (
+        sum(seen[name].rank(method="dense") for name in ("hurst", "hardness")) % 2 == 1
+    )
     return judged(seen[~odd]), judged(seen[odd]), judged(table[~own])
 
 
@@ -107,7 +142,9 @@ def misfit(table, constants):
     try:
         for name, value in named:
             setattr(laws, name, value)
-        y = laws.fitted(*(table[name].to_numpy() for name in ("load", "hardness", "breadth")))
+        y = laws.fitted(
+            *(table[name].to_numpy() for name in ("load", "hardness", "breadth"))
+        )
     finally:
         for name, value in kept.items():
             setattr(laws, name, value)
@@ -115,7 +152,9 @@ def misfit(table, constants):
 
 
 def fit(table):
-    """The constants by least squares; 4 % is about what the formula misses beside the scatter."""
+    """The constants by least squares; 4 % is about what the formula misses beside the
+    scatter.
+    """
     weight = 1 / np.hypot(0.04, table["half_width"].to_numpy() / 2)
     start = np.array([laws.FACTOR, laws.ELASTIC, laws.CLUSTER])
     return least_squares(lambda c: misfit(table, c) * weight, start, x_scale=start).x
@@ -133,29 +172,44 @@ def report(table):
     for name, rows in named.items():
         off = np.abs(misfit(rows, constants))
         inside = (off < np.log1p(error)).mean()
-        print(f"{name}: {len(off)} places, {inside:.3f} inside, at most {off.max():.3f}")
+        print(
+            f"{name}: {len(off)} places, {inside:.3f} inside, at most {off.max():.3f}"
+        )
     print(ranges(table))
 
 
 def ranges(table):
-    """The least and greatest ratio of each law, and the share of places at which it is within 10
-    and 20 %, by hardness and breadth."""
+    """The least and greatest ratio of each law, and the share of places at which it is
+    within 10 and 20 %, by hardness and breadth.
+    """
     found = study.ratios(table).dropna(subset=study.RATIO)
     off = np.abs(np.log(found[study.RATIO]))
     found = found.assign(within_10=off < np.log(1.1), within_20=off < np.log(1.2))
-    found["hardnesses"] = pd.cut(found["hardness"], [0, 0.05, 0.1, 0.2, 0.4, 0.5, 0.7, 1])
+    found["hardnesses"] = pd.cut(
+        found["hardness"], [0, 0.05, 0.1, 0.2, 0.4, 0.5, 0.7, 1]
+    )
     every = found.assign(breadths="every")
     found["breadths"] = pd.cut(found["breadth"], [0, 4, 8, 16, 32]).astype(str)
-    groups = pd.concat([every, found]).groupby(["law", "breadths", "hardnesses"], observed=True)
+    groups = pd.concat([every, found]).groupby(
+        ["law", "breadths", "hardnesses"], observed=True
+    )
     shares = groups[["within_10", "within_20"]].mean()
-    return groups[study.RATIO].agg(["min", "max", "size"]).join(shares).round(2).to_string()
+    return (
+        groups[study.RATIO]
+        .agg(["min", "max", "size"])
+        .join(shares)
+        .round(2)
+        .to_string()
+    )
 
 
-# --- spots and J2 contacts -----------------------------------------------------------------------
+# --- spots and J2 contacts
+# -----------------------------------------------------------------------
 
 
 def by_spots(mask, C):
-    """1/k of unit E* and period by Holm's and by Greenwood's sum over the patches of a mask.
+    """1/k of unit E* and period by Holm's and by Greenwood's sum over the patches of a
+    mask.
 
     The pressure of a patch is that of a disc of its area, in proportion to its radius.
     """
@@ -163,10 +217,14 @@ def by_spots(mask, C):
     radius = np.sqrt(np.bincount(of_point) / mask.size / math.pi)
     force = radius / radius.sum()
     turns = np.exp(2j * np.pi * np.argwhere(mask) / n)  # a mean place on a period
-    sums = np.array([np.bincount(of_point, f(t)) for t in turns.T for f in (np.real, np.imag)])
+    sums = np.array(
+        [np.bincount(of_point, f(t)) for t in turns.T for f in (np.real, np.imag)]
+    )
     places = [np.angle(a + 1j * b) / (2 * np.pi) * n for a, b in (sums[:2], sums[2:])]
     loads, one = np.zeros(mask.shape), np.zeros(mask.shape)
-    np.add.at(loads, tuple(np.round(p).astype(int) % n for p in places), force * mask.size)
+    np.add.at(
+        loads, tuple(np.round(p).astype(int) % n for p in places), force * mask.size
+    )
     one[0, 0] = mask.size
 
     def sunk(p):
@@ -187,15 +245,19 @@ def spots(seeds=range(1, 5)):
                 result, C = bem.solve(scene, threads=1), compliance(scene)
                 C.flat[0] = 0.0
                 u = 2 / contact_conductance(scene, result, 1.0).corrected
-                ratios = [u / each for each in by_spots(result.fields["state"] != APART, C)]
+                ratios = [
+                    u / each for each in by_spots(result.fields["state"] != APART, C)
+                ]
                 found.append((hardness, load, *ratios))
     table = pd.DataFrame(found, columns=["hardness", "load", "Holm", "Greenwood"])
     return table.groupby(["hardness", "load"]).agg(["mean", "std"]).round(3)
 
 
 def by_theory(table):
-    """y of Persson's theory over that of the table: its surface, flattened by the load, springs
-    back as an elastic one, so that the stiffness is -dp/du of the mean separation u."""
+    """y of Persson's theory over that of the table: its surface, flattened by the load,
+    springs back as an elastic one, so that the stiffness is -dp/du of the mean
+    separation u.
+    """
     found = []
     for place in table.to_dict("records"):
         at = {name: place[name] for name in study.PLACE}
@@ -205,11 +267,17 @@ def by_theory(table):
         above, below = (mean_separation(down, p * math.exp(s)) for s in (-0.01, 0.01))
         k = 0.02 * p / (above - below)
         found.append(k * scene.surface.rms_height * laws.PROFILE / place["y"])
-    return table.assign(theory=found).pivot_table("theory", ["hurst", "hardness"], "load").round(2)
+    return (
+        table.assign(theory=found)
+        .pivot_table("theory", ["hurst", "hardness"], "load")
+        .round(2)
+    )
 
 
 def j2(seeds=range(1, 4), nodes=48, waves=6):
-    """The conductance of the contacts of J2 bodies, and of a cap of the mapped hardness over it."""
+    """The conductance of the contacts of J2 bodies, and of a cap of the mapped hardness
+    over it.
+    """
     found = []
     for severity in (5.0, 15.0, 50.0):
         for load in (0.1, 0.25, 0.5):
@@ -217,13 +285,20 @@ def j2(seeds=range(1, 4), nodes=48, waves=6):
                 scene = model_scene(severity, 0.3, seed, nodes, waves)
                 body = scene.material
                 scene = replace(scene, load=Load(load * body.yield_stress))
-                flat = {"yield_stress": body.yield_stress, "mean_pressure": scene.load.final}
+                flat = {
+                    "yield_stress": body.yield_stress,
+                    "mean_pressure": scene.load.final,
+                }
                 flat |= {"young_modulus": body.young_modulus, "poisson_ratio": 0.3}
                 cap = effective_hardness(rms_slope=0.05, **flat)
-                capped = replace(scene, body=Body(), material=replace(body, hardness=cap.value))
+                capped = replace(
+                    scene, body=Body(), material=replace(body, hardness=cap.value)
+                )
                 one = fem_check.solve(scene, law="j2", steps=8, certified=False)
                 both = one, bem.solve(capped, threads=1)
-                h, by_cap = (contact_conductance(capped, r, 2.0).corrected for r in both)
+                h, by_cap = (
+                    contact_conductance(capped, r, 2.0).corrected for r in both
+                )
                 at = load / cap.ratio, cap.value / (effective_modulus(body) * 0.05)
                 unit = 0.05 / math.sqrt(math.pi) / scene.surface.rms_height
                 said = [unit * law(*at) for law in laws.LAWS.values()]
@@ -231,7 +306,9 @@ def j2(seeds=range(1, 4), nodes=48, waves=6):
                 found.append((severity, load, by_cap / h, *(np.array(said) / h)))
     names = ["severity", "load", "cap", *laws.LAWS, study.FORMULA]
     table = pd.DataFrame(found, columns=names)
-    half = table.groupby(names[:2])["cap"].agg(lambda v: estimate(v.to_numpy()).half_width)
+    half = table.groupby(names[:2])["cap"].agg(
+        lambda v: estimate(v.to_numpy()).half_width
+    )
     return table.groupby(names[:2]).mean().assign(cap_half_width=half).round(3)
 
 

@@ -10,14 +10,18 @@ from matplotlib.figure import Figure
 from epcontact.bem.areas.front import STIFFNESS
 from epcontact.studies.areas import Member, roughness
 
-SCENE = Member((64, 64), (1.0, 1.0), 0.1, 0.6, 16, partial(roughness, low=0.8, high=0.8), 4)
+SCENE = Member(
+    (64, 64), (1.0, 1.0), 0.1, 0.6, 16, partial(roughness, low=0.8, high=0.8), 4
+)
 FINER, CENTRE, HALF = 16, (0.39, 0.65), 0.1
 
 
 def field(factor):
     """(x, v) in the window: v is p - c g over the hardness, 1 or more where plastic."""
     p, g, hardness, (dx, _), _ = SCENE.solved(factor)
-    v = np.where((p > 0) & (p < hardness), p, np.where(p > 0, hardness, 0.0) - STIFFNESS / dx * g)
+    v = np.where(
+        (p > 0) & (p < hardness), p, np.where(p > 0, hardness, 0.0) - STIFFNESS / dx * g
+    )
     at = [np.arange(round((c - HALF) / dx), round((c + HALF) / dx) + 1) for c in CENTRE]
     return [index * dx for index in at], (v / hardness)[np.ix_(*at)]
 

@@ -1,14 +1,16 @@
-"""The laboratory of the effective hardness: it makes the map `materials/hardness_map.csv`.
+"""The laboratory of the effective hardness: it makes the map
+`materials/hardness_map.csv`.
 
-One load path of a J2 body passes every load of the map, and boundary elements capped at a ladder of
-hardnesses answer each load on the same elements' compliance.  The paths are the sweeps of
-`cases/hardness-map.toml`.  The effective hardness of an ensemble is the cap under which the mean
-area of the capped bodies is that of the J2 bodies.  Its inverse is used throughout, because the
-area of a capped body is nearly linear in it, and because it is zero, not infinite, where elastic
-bodies have that area already.
+One load path of a J2 body passes every load of the map, and boundary elements capped at
+a ladder of hardnesses answer each load on the same elements' compliance.  The paths are
+the sweeps of `cases/hardness-map.toml`.  The effective hardness of an ensemble is the
+cap under which the mean area of the capped bodies is that of the J2 bodies.  Its
+inverse is used throughout, because the area of a capped body is nearly linear in it,
+and because it is zero, not infinite, where elastic bodies have that area already.
 
-`python -m laboratory.hardness_map --size large` makes the map of the package in some four hours of
-one core (`fast`: a small one that shows how), and solves no path again that `--output` holds.
+`python -m laboratory.hardness_map --size large` makes the map of the package in some
+four hours of one core (`fast`: a small one that shows how), and solves no path again
+that `--output` holds.
 """
 
 from __future__ import annotations
@@ -23,20 +25,26 @@ import pandas as pd
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.answers.store import kept
-from epcontact.harness.quantities.model_difference import capped_body, elements_compliance
+from epcontact.harness.quantities.model_difference import (
+    capped_body,
+    elements_compliance,
+)
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray
 from epcontact.scene import Load
 from laboratory import maps
 
-#: Columns that name a place of the map, and those in which a check may differ from it: nodes a
-#: side, shortest waves in a period, Hurst exponent, depth over the period, increments.
+#: Columns that name a place of the map, and those in which a check may differ from it:
+#: nodes a side, shortest waves in a period, Hurst exponent, depth over the period,
+#: increments.
 PLACE = ["severity", "poisson_ratio", "load"]
 VARIED = ["nodes", "waves", "hurst", "depth", "steps"]
-#: The least standard error of a relative change between two grids, and the terms of its fit.
+#: The least standard error of a relative change between two grids, and the terms of its
+#: fit.
 LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
-#: Bodies to 64 nodes a wave were 1.3 % off at severity 100, all that the fits of grids claim.
+#: Bodies to 64 nodes a wave were 1.3 % off at severity 100, all that the fits of grids
+#: claim.
 CAUTION = 2
 #: Caps over the yield stress that are tried, besides none.
 LADDER = tuple(1.08**k for k in range(21))
@@ -49,7 +57,9 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the load paths that are not kept in `output`; return the map and its file."""
+    """Solve the load paths that are not kept in `output`; return the map and its
+    file.
+    """
     areas = []
     for sweep in maps.solved("hardness-map", size, output, jobs):
         answers = ((task, kept(task, output)) for task in sweep.tasks)
@@ -61,7 +71,9 @@ def make_map(size, output, jobs=None):
 
 
 def measured_areas(task, j2):
-    """The raw areas of the J2 body of a load path, and of capped bodies on the same compliance."""
+    """The raw areas of the J2 body of a load path, and of capped bodies on the same
+    compliance.
+    """
     scene = task.case.scene(task.recipe)
     material, surface = scene.material, scene.surface
     spectrum, sigma_Y = surface.spectrum, material.yield_stress
@@ -80,7 +92,8 @@ def measured_areas(task, j2):
     tables = []
     for step in j2.steps:
         load, area = _short(step.mean_pressure / sigma_Y), step.areas["raw"].total
-        # No capped body presses with more than its cap, so that the cap is at least load/area.
+        # No capped body presses with more than its cap, so that the cap is at least
+        # load/area.
         low, high = max(load, 0.9 * load / area), 2.4 * load / area
         caps = [*(cap for cap in LADDER if low < cap <= high), math.inf]
         single = replace(scene, load=Load(step.mean_pressure))
@@ -96,18 +109,25 @@ def _short(value):
     return float(f"{value:.9g}")
 
 
-#: A table of places, which are its index, and of the same places what the choice of each surface
-#: adds to the error of a figure, by seed: the sum of the squares is the variance of the figure.
+#: A table of places, which are its index, and of the same places what the choice of
+#: each surface adds to the error of a figure, by seed: the sum of the squares is the
+#: variance of the figure.
 Known = tuple[pd.DataFrame, pd.DataFrame]
 
 
 def inverse_hardness(areas):
-    """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2 bodies.
+    """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2
+    bodies.
 
-    `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces, area (of the
-    J2 bodies) and inverse, with the shifts of inverse by the jackknife.
+    `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces,
+    area (of the J2 bodies) and inverse, with the shifts of inverse by the jackknife.
     """
-    rows, shifts, nodes, places = [], [], areas["nodes"].iloc[0], areas.groupby(PLACE, sort=False)
+    rows, shifts, nodes, places = (
+        [],
+        [],
+        areas["nodes"].iloc[0],
+        areas.groupby(PLACE, sort=False),
+    )
     for _, group in places:
         n, whole = group["seed"].nunique(), _inverse(group, nodes)
         area = group.groupby("seed")["j2_area"].first().mean()
@@ -121,30 +141,41 @@ def inverse_hardness(areas):
 
 
 def _inverse(bodies, nodes):
-    """The inverse cap under which the mean area of the capped bodies is that of the J2 bodies."""
-    surfaces = [surface.sort_values("cap")[::-1] for _, surface in bodies.groupby("seed")]
+    """The inverse cap under which the mean area of the capped bodies is that of the J2
+    bodies.
+    """
+    surfaces = [
+        surface.sort_values("cap")[::-1] for _, surface in bodies.groupby("seed")
+    ]
     # A cap as large as the load needs the whole area.
     inverse = [[*(1 / one["cap"]), 1 / one["load"].iloc[0]] for one in surfaces]
     areas = [[*one["cap_area"], 1.0] for one in surfaces]
     knots = np.unique(np.concatenate(inverse))
-    capped = np.mean([np.interp(knots, *known) for known in zip(inverse, areas, strict=True)], 0)
+    capped = np.mean(
+        [np.interp(knots, *known) for known in zip(inverse, areas, strict=True)], 0
+    )
     wanted = float(np.mean([one["j2_area"].iloc[0] for one in surfaces]))
-    # The mean area moves by whole nodes of single surfaces: both edges of a step are averaged.
+    # The mean area moves by whole nodes of single surfaces: both edges of a step are
+    # averaged.
     half = 0.5 / (nodes**2 * len(surfaces))
-    edges = np.interp([wanted - half, wanted + half], np.maximum.accumulate(capped), knots)
+    edges = np.interp(
+        [wanted - half, wanted + half], np.maximum.accumulate(capped), knots
+    )
     return float(edges.mean())
 
 
 def changes(usual, other):
     """Compare the inverse hardness of two kinds of bodies on the surfaces of both.
 
-    Returns for each place that both have surfaces, area (of the usual) and change, the relative
-    one, with its shifts.
+    Returns for each place that both have surfaces, area (of the usual) and change, the
+    relative one, with its shifts.
     """
     keys = [*PLACE, "seed"]
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
     one, shifts = inverse_hardness(usual.merge(common))
-    two, more = (table.loc[one.index] for table in inverse_hardness(other.merge(common)))
+    two, more = (
+        table.loc[one.index] for table in inverse_hardness(other.merge(common))
+    )
     ratio = two["inverse"] / one["inverse"]
     shifts = shifts.mul(-ratio / one["inverse"], axis=0)
     more = more.mul(ratio / two["inverse"], axis=0)
@@ -153,27 +184,37 @@ def changes(usual, other):
 
 
 def mapped(areas):
-    """Make the map from the areas of its bodies and of those that differ from them in one thing.
+    """Make the map from the areas of its bodies and of those that differ from them in
+    one thing.
 
-    Errors are relative and at 95 %.  The scatter of the few surfaces is pooled over all places of a
-    load.  Shorter steps change all places in about the same way, so that their mean change is taken
-    off; left is how it differs between places, and half of the mean for steps that are shorter yet.
-    The part of the depth is all changes by it.  The first body of `areas` is one of the map.
-    Raises InvalidCase if a kind of `_kinds` or a second surface is missing.
+    Errors are relative and at 95 %.  The scatter of the few surfaces is pooled over all
+    places of a load.  Shorter steps change all places in about the same way, so that
+    their mean change is taken off; left is how it differs between places, and half of
+    the mean for steps that are shorter yet. The part of the depth is all changes by it.
+    The first body of `areas` is one of the map. Raises InvalidCase if a kind of
+    `_kinds` or a second surface is missing.
     """
     usual, kinds = _kinds(areas)
     table, shifts = inverse_hardness(usual)
     if (table["surfaces"] == 1).any():
-        raise InvalidCase("a place of the map has one surface, but its scatter needs two or more")
-    grid, grid_error = off_the_grid(usual, kinds["nodes"], table, kinds.get("finer", ()))
+        raise InvalidCase(
+            "a place of the map has one surface, but its scatter needs two or more"
+        )
+    grid, grid_error = off_the_grid(
+        usual, kinds["nodes"], table, kinds.get("finer", ())
+    )
     steps, depths = (
         np.concatenate([changes(usual, other)[0]["change"] for other in kinds[part]])
         for part in ("steps", "depth")
     )
     factor = (1 + grid) * (1 + steps.mean())
-    made = table[["surfaces", "area"]].assign(inverse_hardness=table["inverse"] * factor)
+    made = table[["surfaces", "area"]].assign(
+        inverse_hardness=table["inverse"] * factor
+    )
     freedom = table["surfaces"] - 1
-    square = freedom * table["surfaces"] * (shifts**2).sum(axis=1) / table["inverse"] ** 2
+    square = (
+        freedom * table["surfaces"] * (shifts**2).sum(axis=1) / table["inverse"] ** 2
+    )
     of_load = [values.groupby("load").transform("sum") for values in (square, freedom)]
     made["scatter"] = 2 * np.sqrt(of_load[0] / of_load[1] / table["surfaces"])
     made = made.reset_index()
@@ -187,14 +228,18 @@ def mapped(areas):
 def _kinds(areas):
     """The bodies of the map, and the others by the one field of VARIED that differs.
 
-    The key is "" for another spectrum, and "finer" for one with more nodes to the shortest wave.
+    The key is "" for another spectrum, and "finer" for one with more nodes to the
+    shortest wave.
     """
     usual, kinds = areas[VARIED].iloc[0], dict[str, list[pd.DataFrame]]()
     for key, group in areas.groupby(VARIED):
         other = dict(zip(VARIED, key, strict=True))
         differ = [name for name, value in other.items() if value != usual[name]]
         varied = differ[0] if differ in (["nodes"], ["steps"], ["depth"]) else ""
-        if not varied and other["nodes"] / other["waves"] > usual["nodes"] / usual["waves"]:
+        if (
+            not varied
+            and other["nodes"] / other["waves"] > usual["nodes"] / usual["waves"]
+        ):
             varied = "finer"
         kinds.setdefault(varied if differ else "usual", []).append(group)
     if missing := {"nodes", "steps", "depth"} - kinds.keys():
@@ -207,11 +252,12 @@ def _kinds(areas):
 def off_the_grid(areas, finer, places, others=()):
     """Extrapolate the inverse hardness to a grid of vanishing spacing.
 
-    The change by each halving of the spacing is fitted by (1 - area) area^-1/4 (k + l/(1 +
-    severity/8)): it vanishes in full contact, grows as spots get smaller, and the last factor is
-    that of the formula.  `areas` are on the grid of the map, `finer` on half the spacing and so on,
-    `others` of other spectra, which are cheaper to solve with more nodes to the shortest wave.
-    Returns for each of `places` the relative change of the inverse, and its error.
+    The change by each halving of the spacing is fitted by (1 - area) area^-1/4 (k +
+    l/(1 + severity/8)): it vanishes in full contact, grows as spots get smaller, and
+    the last factor is that of the formula.  `areas` are on the grid of the map, `finer`
+    on half the spacing and so on, `others` of other spectra, which are cheaper to solve
+    with more nodes to the shortest wave. Returns for each of `places` the relative
+    change of the inverse, and its error.
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
@@ -221,13 +267,18 @@ def off_the_grid(areas, finer, places, others=()):
         told = known["surfaces"] > 1  # a single one does not say how much it scatters
         known, shifts = known[told], shifts[told]
         if known.empty:
-            raise InvalidCase("no place of the map has two surfaces on a finer grid; solve two")
+            raise InvalidCase(
+                "no place of the map has two surfaces on a finer grid; solve two"
+            )
         weight = _weight(shifts)
         fit = partial(_fit_at, known, weight)
         missed = (known["change"].to_numpy() - fit(known["change"], known)) * weight
         freedom = max(len(known) - TERMS_OF_GRID, 1)
         worse = max(1.0, math.sqrt(float(missed @ missed) / freedom))
-        change, counted = fit(known["change"], places), 1 + left if fine is grids[-1] else 1.0
+        change, counted = (
+            fit(known["change"], places),
+            1 + left if fine is grids[-1] else 1.0,
+        )
         whole *= 1 + counted * change
         for seed, shift in shifts.items():
             moved[seed] = moved.get(seed, 0.0) + counted * worse * fit(shift, places)
@@ -236,16 +287,20 @@ def off_the_grid(areas, finer, places, others=()):
 
 
 def _weight(shifts):
-    """One over the error by the surfaces; a few that happen to agree do not make a place exact."""
+    """One over the error by the surfaces; a few that happen to agree do not make a
+    place exact.
+    """
     return 1 / np.hypot(np.sqrt((shifts**2).sum(axis=1)).to_numpy(), LEAST_SCATTER)
 
 
 def _share_left(finest, others):
-    """The error that the last halving of the spacing leaves, over its change, and the doubt of it.
+    """The error that the last halving of the spacing leaves, over its change, and the
+    doubt of it.
 
-    It is 1/3 if the error is of second order in the spacing and 1 if it is of first order: the
-    middle is taken, and half of the range is doubted.  Other spectra with twice as many nodes to
-    the shortest wave give the next change, and the same holds after that.
+    It is 1/3 if the error is of second order in the spacing and 1 if it is of first
+    order: the middle is taken, and half of the range is doubted.  Other spectra with
+    twice as many nodes to the shortest wave give the next change, and the same holds
+    after that.
     """
     points = finest["nodes"].iloc[0] / finest["waves"].iloc[0]
     known = {other["nodes"].iloc[0] / other["waves"].iloc[0]: other for other in others}
@@ -255,7 +310,9 @@ def _share_left(finest, others):
     after, shifts = changes(known[points], known[2 * points])
     both = [place for place in before.index if place in after.index]
     weight = _weight(shifts.loc[both])
-    first, second = (table["change"].loc[both].to_numpy() * weight for table in (before, after))
+    first, second = (
+        table["change"].loc[both].to_numpy() * weight for table in (before, after)
+    )
     share = float(first @ second / (first @ first))
     missed = second - share * first
     error = 2 * math.sqrt((missed @ missed) / (first @ first) / (len(both) - 1))
@@ -269,12 +326,16 @@ def _fit_at(known, weight, change, places):
         spots = ((1 - at["area"]) * at["area"] ** -0.25).to_numpy()
         return np.column_stack([spots, spots / (1 + at.index.get_level_values(0) / 8)])
 
-    found, *_ = np.linalg.lstsq(columns(known) * weight[:, None], change * weight, rcond=None)
+    found, *_ = np.linalg.lstsq(
+        columns(known) * weight[:, None], change * weight, rcond=None
+    )
     return np.asarray(columns(places) @ found)
 
 
 def _error_of_the_fit(made, shifts):
-    """Twice the relative standard error of the formula, as a surface shifts many places at once."""
+    """Twice the relative standard error of the formula, as a surface shifts many places
+    at once.
+    """
     columns = {name: made[name].to_numpy() for name in made}
     at, inverse = terms(*(columns[name] for name in PLACE)), columns["inverse_hardness"]
     ratio = at @ fit(columns)[0]

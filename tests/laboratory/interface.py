@@ -1,20 +1,23 @@
-"""Measure the constants of stiffness and conductance in the limit of a vanishing spacing.
+"""Measure the constants of stiffness and conductance in the limit of a vanishing
+spacing.
 
-They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces in
-TAUGHT, and judged on those of `epcontact.studies.areas`, on roughness with its ridges along the
-grid and on unloaded contacts, each on grids of 3 to 16 points a shortest wavelength.  The truth is
-the limit from a finer grid.
+They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces
+in TAUGHT, and judged on those of `epcontact.studies.areas`, on roughness with its
+ridges along the grid and on unloaded contacts, each on grids of 3 to 16 points a
+shortest wavelength.  The truth is the limit from a finer grid.
 
-`sharp` and `short` minimise the mean logarithm of the error.  The claims minimise the mean of
-ln(claim) + max(0, ln(error/claim))/(1 - COVERED).  `STEP` is measured on punches that are discs,
-which have a closed form.
+`sharp` and `short` minimise the mean logarithm of the error.  The claims minimise the
+mean of ln(claim) + max(0, ln(error/claim))/(1 - COVERED).  `STEP` is measured on
+punches that are discs, which have a closed form.
 
-`python -m laboratory.interface` prints the constants in use, those that the ensemble and its halves
-give, and the table of the kinds on which they are judged, in some fifteen minutes of one core.
+`python -m laboratory.interface` prints the constants in use, those that the ensemble
+and its halves give, and the table of the kinds on which they are judged, in some
+fifteen minutes of one core.
 
-Errors by chance average out on long rims, and what all links share does not.  On roughness of 16 to
-128 shortest waves on a period, four points each, the limit stays .5 to 1 % below that of 16 points,
-which is `common`: `python -m laboratory.interface waves` judges it, in ten minutes of one core.
+Errors by chance average out on long rims, and what all links share does not.  On
+roughness of 16 to 128 shortest waves on a period, four points each, the limit stays .5
+to 1 % below that of 16 points, which is `common`: `python -m laboratory.interface
+waves` judges it, in ten minutes of one core.
 """
 
 from __future__ import annotations
@@ -30,7 +33,14 @@ from scipy.optimize import minimize
 from scipy.signal import resample
 
 from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
-from epcontact.harness.interface import CONSTANTS, SMOOTH, STEP, carrying, limit_of, sinking_and_rim
+from epcontact.harness.interface import (
+    CONSTANTS,
+    SMOOTH,
+    STEP,
+    carrying,
+    limit_of,
+    sinking_and_rim,
+)
 from epcontact.reference.posts import FLAT_PUNCH
 from epcontact.studies.areas import KINDS, member, named, roughness
 from epcontact.studies.conductance import joint_scene
@@ -39,8 +49,8 @@ from epcontact.studies.conductance import joint_scene
 COVERED = 0.94
 #: Relative errors and claims below this count as this.
 _LEAST = 3e-4
-#: Seeds, points a side, and how much finer the truth is.  Larger grids tell errors by chance from
-#: others, as they fall with the root of the length of the rim.
+#: Seeds, points a side, and how much finer the truth is.  Larger grids tell errors by
+#: chance from others, as they fall with the root of the length of the rim.
 TAUGHT_ON = ((range(1000, 1030), 48, 8), (range(2000, 2004), 160, 4))
 JUDGED_ON = ((range(100, 125), 48, 8),)
 _QUANTITIES = {"unloading": "conductance", "loading": "stiffness_loading"}
@@ -51,7 +61,11 @@ def _waves(patch, rng, count=60):
     (nx, ny), (x, y) = patch.shape, patch.offsets()
     heights, slope = np.zeros((nx, ny)), 0.0
     for _ in range(count):
-        size, turn, phase = rng.uniform(0.5, 1), rng.uniform(0, 2 * np.pi), rng.uniform()
+        size, turn, phase = (
+            rng.uniform(0.5, 1),
+            rng.uniform(0, 2 * np.pi),
+            rng.uniform(),
+        )
         a, b = (round(patch.high * size * f(turn)) for f in (math.cos, math.sin))
         heights += np.cos(2 * np.pi * (a * x + b * y + phase))
         slope += 2 * np.pi**2 * (a * a + b * b)
@@ -89,7 +103,9 @@ def _rings(patch, rng):
         along, across = _turned(patch, rng)
         outer, depth = rng.uniform(0.15, 0.3), rng.uniform(0.02, 0.3)
         away = np.hypot(along, across * rng.uniform(1, 1.5))
-        ring = (away < outer) & (away > outer * rng.choice([0.0, rng.uniform(0.3, 0.7)]))
+        ring = (away < outer) & (
+            away > outer * rng.choice([0.0, rng.uniform(0.3, 0.7)])
+        )
         heights = np.where(ring, depth, heights)
     return heights
 
@@ -118,21 +134,28 @@ def _spikes(patch, rng):
 
 
 def _lapped(patch, rng):
-    """Waves whose heights above a level are pressed together, so that the level is an edge."""
+    """Waves whose heights above a level are pressed together, so that the level is an
+    edge.
+    """
     heights = _waves(patch, rng)
     level = rng.uniform(0, 1.5) * heights.std()
     return np.minimum(heights, level + rng.uniform() * (heights - level))
 
 
 def _turned(patch, rng):
-    """Distances (nx, ny) from a random centre along two random directions at right angles."""
+    """Distances (nx, ny) from a random centre along two random directions at right
+    angles.
+    """
     (x, y), turn = patch.offsets(rng.uniform(size=2)), rng.uniform(0, np.pi)
     cosine, sine = math.cos(turn), math.sin(turn)
     return x * cosine + y * sine, y * cosine - x * sine
 
 
-#: Kinds of surfaces other than those of `epcontact.studies.areas`, to which constants are fitted.
-TAUGHT = {"waves": _waves, "oblong": _waves} | named(_terraces, _ripples, _ellipsoids, _rings)
+#: Kinds of surfaces other than those of `epcontact.studies.areas`, to which constants
+#: are fitted.
+TAUGHT = {"waves": _waves, "oblong": _waves} | named(
+    _terraces, _ripples, _ellipsoids, _rings
+)
 TAUGHT |= named(_pyramids, _grooves, _spikes, _lapped)
 
 
@@ -158,7 +181,9 @@ JUDGED = KINDS | {"along the grid": _along_the_grid, "unloaded": _hurst}
 
 
 def scene_of(makers, kind, seed, points, finer):
-    """A member of the ensemble of areas, at loads below .3 E*, as a scene of a period of 1."""
+    """A member of the ensemble of areas, at loads below .3 E*, as a scene of a period
+    of 1.
+    """
     one = member(makers, kind, seed, points)
     path = (one.load if one.load < 0.3 else one.load / 10,)
     if kind == "unloaded":
@@ -167,17 +192,25 @@ def scene_of(makers, kind, seed, points, finer):
     fine = replace(one, shape=(finer * one.shape[0], finer * one.shape[1]))
     heights = one.maker(fine, np.random.default_rng(one.drawn))
     hardness = min(one.hardness, 1.2) if kind == "unloaded" else one.hardness
-    return Scene(Surface(heights, one.periods), Material(1.0, 0.0, hardness), Load(path))
+    return Scene(
+        Surface(heights, one.periods), Material(1.0, 0.0, hardness), Load(path)
+    )
 
 
 def lessons(makers, seeds, points, finer):
-    """(kind, branch, coarse, fine) of all that touches and parts, with sinking and rim of each."""
+    """(kind, branch, coarse, fine) of all that touches and parts, with sinking and rim
+    of each.
+    """
     out = []
     for kind in makers:
         for seed in seeds:
-            scenes = [scene_of(makers, kind, seed, points, factor) for factor in (1, finer)]
+            scenes = [
+                scene_of(makers, kind, seed, points, factor) for factor in (1, finer)
+            ]
             try:
-                results = [bem.solve(scene, tolerance=1e-7, threads=1) for scene in scenes]
+                results = [
+                    bem.solve(scene, tolerance=1e-7, threads=1) for scene in scenes
+                ]
                 for branch in _QUANTITIES:
                     masks = [carrying(result, branch) for result in results]
                     if all(0 < mask.mean() < 0.9 for mask in masks):
@@ -191,10 +224,15 @@ def lessons(makers, seeds, points, finer):
 
 
 def judged(known, constants=None):
-    """A row for each lesson: kind, quantity, and raw error, error and claim over the truth."""
+    """A row for each lesson: kind, quantity, and raw error, error and claim over the
+    truth.
+    """
     rows = []
     for kind, branch, coarse, fine in known:
-        found, truth = limit_of(*coarse, constants), limit_of(*fine, constants).corrected
+        found, truth = (
+            limit_of(*coarse, constants),
+            limit_of(*fine, constants).corrected,
+        )
         errors = [abs(math.log(k / truth)) for k in (found.raw, found.corrected)]
         rows.append((kind, _QUANTITIES[branch], *errors, found.error / found.corrected))
     return pd.DataFrame(rows, columns=["kind", "quantity", "raw", "error", "claim"])
@@ -209,7 +247,9 @@ def fitted(known, start):
 
     def loss(logarithms):
         claims = dict(zip(("chance", "area"), np.exp(logarithms), strict=True))
-        found = np.log(judged(known, start._replace(**claims))[["claim", "error"]] + _LEAST)
+        found = np.log(
+            judged(known, start._replace(**claims))[["claim", "error"]] + _LEAST
+        )
         claim, error = found["claim"], found["error"]
         return np.mean(claim + np.maximum(error - claim, 0) / (1 - COVERED))
 
@@ -218,9 +258,14 @@ def fitted(known, start):
         start = start._replace(sharp=centre[0], short=centre[1])
     at = np.log([start.chance, start.area])
     for _ in range(2):  # a second simplex leaves where the first one has collapsed
-        options = {"initial_simplex": np.vstack([at, at + 0.7 * np.eye(at.size)]), "xatol": 0.02}
+        options = {
+            "initial_simplex": np.vstack([at, at + 0.7 * np.eye(at.size)]),
+            "xatol": 0.02,
+        }
         at = minimize(loss, at, method="Nelder-Mead", options=options).x
-    return start._replace(**dict(zip(("chance", "area"), np.exp(at).tolist(), strict=True)))
+    return start._replace(
+        **dict(zip(("chance", "area"), np.exp(at).tolist(), strict=True))
+    )
 
 
 def _disc(points, radius, centre):
@@ -235,7 +280,9 @@ def steps(count=24):
     for points in np.repeat([64, 128, 256], count):
         place = random.uniform(0.08, 0.2), random.uniform(size=2)
         scene = _disc(points, *place)
-        exact = 2 / FLAT_PUNCH.scalar("quantity.conductance", _disc(2048, *place))  # E* u
+        exact = 2 / FLAT_PUNCH.scalar(
+            "quantity.conductance", _disc(2048, *place)
+        )  # E* u
         sinking, rim = sinking_and_rim(scene, bem.solve(scene, threads=1), "unloading")
         moved = sinking * math.log(sinking / exact) / rim.release / CONSTANTS.sharp
         needed.append(moved - rim.offset - CONSTANTS.short)
@@ -243,7 +290,9 @@ def steps(count=24):
 
 
 def table(known):
-    """Medians in % and the share within the claim, by quantity and kind, and of all kinds."""
+    """Medians in % and the share within the claim, by quantity and kind, and of all
+    kinds.
+    """
     found = judged(known)
     found["within"] = found["error"] <= found["claim"]
     rows = pd.concat([found, found.assign(kind="~ all")]).groupby(["quantity", "kind"])
@@ -251,7 +300,8 @@ def table(known):
     return medians.join(rows["within"].agg(["mean", "size"])).round(2)
 
 
-#: Ranges of H/(E* xi) and P/H: heavy and flowing, elastic, light and flowing, and between.
+#: Ranges of H/(E* xi) and P/H: heavy and flowing, elastic, light and flowing, and
+#: between.
 RANGES = (
     (0.03, 0.1, 0.1, 0.3),
     (0.5, 1.0, 0.01, 0.15),
@@ -261,33 +311,56 @@ RANGES = (
 
 
 def waves(finer=4):
-    """The coverage without `common` and with it, by the shortest waves on a period, of the scenes
-    that chose it (even seeds) and of the others."""
+    """The coverage without `common` and with it, by the shortest waves on a period, of
+    the scenes that chose it (even seeds) and of the others.
+    """
     found = []
     for high, count in ((16, 24), (32, 24), (64, 20), (128, 20)):
         random = np.random.default_rng([31, high])
         for k in range(count):
             ends = np.log(RANGES[k // 2 % 4])
-            hardness, load = (math.exp(random.uniform(*pair)) for pair in (ends[:2], ends[2:]))
-            load, breadth = min(load, 0.4 / math.hypot(1, 2 * hardness)), int(random.choice([4, 8]))
-            place = (breadth, random.uniform(0.3, 0.9), hardness, load, 9000 + k, high // breadth)
+            hardness, load = (
+                math.exp(random.uniform(*pair)) for pair in (ends[:2], ends[2:])
+            )
+            load, breadth = (
+                min(load, 0.4 / math.hypot(1, 2 * hardness)),
+                int(random.choice([4, 8])),
+            )
+            place = (
+                breadth,
+                random.uniform(0.3, 0.9),
+                hardness,
+                load,
+                9000 + k,
+                high // breadth,
+            )
             one = joint_scene(*place)
             heights = one.surface.heights
             for axis in (0, 1):
                 heights = resample(heights, finer * heights.shape[axis], axis=axis)
             both = (one, replace(one, surface=Surface(heights, one.surface.periods)))
-            solved = [(scene, bem.solve(scene, tolerance=1e-7, threads=1)) for scene in both]
+            solved = [
+                (scene, bem.solve(scene, tolerance=1e-7, threads=1)) for scene in both
+            ]
             lesson = [sinking_and_rim(*pair, "unloading") for pair in solved]
             for common in (0.0, CONSTANTS.common):
-                row = judged([("", "unloading", *lesson)], CONSTANTS._replace(common=common))
+                row = judged(
+                    [("", "unloading", *lesson)], CONSTANTS._replace(common=common)
+                )
                 found.append(row.assign(waves=high, half=k % 2, common=common))
     table = pd.concat(found)
     table["within"] = table["error"] <= table["claim"]
-    return table.groupby(["common", "half", "waves"])["within"].agg(["mean", "size"]).round(2)
+    return (
+        table.groupby(["common", "half", "waves"])["within"]
+        .agg(["mean", "size"])
+        .round(2)
+    )
 
 
 def main():
-    """Print the constants in use, those fitted, and the table of the kinds that taught nothing."""
+    """Print the constants in use, those fitted, and the table of the kinds that taught
+    nothing.
+    """
     known = [one for grids in TAUGHT_ON for one in lessons(TAUGHT, *grids)]
     for start, branch in ((CONSTANTS, "unloading"), (SMOOTH, "loading")):
         mine = [one for one in known if one[1] == branch]
@@ -296,8 +369,14 @@ def main():
             print("  fitted", np.round(fitted(part, start), 3))
     needed = steps()
     off = np.quantile(np.abs(needed - np.median(needed)), COVERED) * CONSTANTS.sharp
-    print(f"steps add {np.median(needed):.3f}, and {off:.3f} to the claim; in use", STEP)
-    print(table([one for grids in JUDGED_ON for one in lessons(JUDGED, *grids)]).to_string())
+    print(
+        f"steps add {np.median(needed):.3f}, and {off:.3f} to the claim; in use", STEP
+    )
+    print(
+        table(
+            [one for grids in JUDGED_ON for one in lessons(JUDGED, *grids)]
+        ).to_string()
+    )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""The effective hardness below the loads of its map, by the map's own J2 bodies on finer grids.
+"""The effective hardness below the loads of its map, by the map's own J2 bodies on
+finer grids.
 
-`python -m laboratory.light_loads`, run in tests, prints c = hardness/sigma_Y at each load and its
-ratio to that at the lightest load of the map, and how the area of the capped body depends on c; the
-whole takes a quarter of an hour of one core.  A contact of few spots is resolved the worse the
-lighter it is: from 12 to 24 nodes a wave, and from 4 waves in a period to 8, the ratio rises.
+`python -m laboratory.light_loads`, run in tests, prints c = hardness/sigma_Y at each
+load and its ratio to that at the lightest load of the map, and how the area of the
+capped body depends on c; the whole takes a quarter of an hour of one core.  A contact
+of few spots is resolved the worse the lighter it is: from 12 to 24 nodes a wave, and
+from 4 waves in a period to 8, the ratio rises.
 """
 
 import numpy as np
@@ -24,18 +26,30 @@ RUNS = [
 
 
 def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, nu=0.3):
-    """The areas of J2 bodies at some loads, and of capped ones on the same compliance."""
+    """The areas of J2 bodies at some loads, and of capped ones on the same
+    compliance.
+    """
     (text,) = find_named("hardness-map-30")
     point = {
-        "surface.points_per_shortest_wavelength": nodes, "surface.wavenumber_high": WAVE * waves,
-        "surface.rms_slope": severity / 1000, "surface.seeds": list(seeds), "surface.hurst": hurst,
-        "surface.wavenumber_roll_off": WAVE * roll_off, "material.poisson_ratio": nu,
+        "surface.points_per_shortest_wavelength": nodes,
+        "surface.wavenumber_high": WAVE * waves,
+        "surface.rms_slope": severity / 1000,
+        "surface.seeds": list(seeds),
+        "surface.hurst": hurst,
+        "surface.wavenumber_roll_off": WAVE * roll_off,
+        "material.poisson_ratio": nu,
         "material.young_modulus": 2e11 * (1 - nu**2),
         "load.mean_pressure": [load * 2e8 for load in loads],
-    }  # fmt: skip
+    }
     case = case_at(text, point, "large")
-    solve, options, tasks = METHODS["fem"].solve, case.options["fem"], tasks_of(case, Run())
-    return pd.concat(measured_areas(t, solve(case.scene(t.recipe), options, 1)) for t in tasks)
+    solve, options, tasks = (
+        METHODS["fem"].solve,
+        case.options["fem"],
+        tasks_of(case, Run()),
+    )
+    return pd.concat(
+        measured_areas(t, solve(case.scene(t.recipe), options, 1)) for t in tasks
+    )
 
 
 def main():
@@ -46,9 +60,17 @@ def main():
             capped = found[np.isclose(found["load"], load) & np.isfinite(found["cap"])]
             means = capped.groupby("cap")["cap_area"].mean()
             near = means[(means.index > c / 1.2) & (means.index < c * 1.2)]
-            slope = np.polyfit(np.log(near.index), np.log(near), 1)[0] if len(near) > 1 else np.nan
-            place = f"{nodes} nodes, {waves} waves, E*xi/sigma_Y {severity}, load {load}"
-            figures = f"c {c:.3f}, ratio {c * inverse[-1]:.3f}, d ln A/d ln c {slope:.2f}"
+            slope = (
+                np.polyfit(np.log(near.index), np.log(near), 1)[0]
+                if len(near) > 1
+                else np.nan
+            )
+            place = (
+                f"{nodes} nodes, {waves} waves, E*xi/sigma_Y {severity}, load {load}"
+            )
+            figures = (
+                f"c {c:.3f}, ratio {c * inverse[-1]:.3f}, d ln A/d ln c {slope:.2f}"
+            )
             print(f"{place}: {figures}", flush=True)
 
 

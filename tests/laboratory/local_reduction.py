@@ -1,14 +1,17 @@
-"""The laboratory of the rule "local": it fits gamma, b and c of `epcontact.persson.local`.
+"""The laboratory of the rule "local": it fits gamma, b and c of
+`epcontact.persson.local`.
 
-Boundary elements give the corrected areas of 30 places of the plane (p0 and hardness over E* xi),
-on spectra with and without roll-off.  Every second Hurst exponent, bandwidth and seed is fitted,
-the others only judge.  The misfit of an area is that of its logarithm over the aim (2 % for A, 5 %
-for A_el and A_pl) and its own scatter and claim together, with outliers damped (soft L1).  Areas
-below a thousandth are a few grid points, and left out.
+Boundary elements give the corrected areas of 30 places of the plane (p0 and hardness
+over E* xi), on spectra with and without roll-off.  Every second Hurst exponent,
+bandwidth and seed is fitted, the others only judge.  The misfit of an area is that of
+its logarithm over the aim (2 % for A, 5 % for A_el and A_pl) and its own scatter and
+claim together, with outliers damped (soft L1).  Areas below a thousandth are a few grid
+points, and left out.
 
-`python -m laboratory.local_reduction [KEPT.jsonl]` prints the fit and the errors of the rule and of
-the paper's, on both halves and on the map of `persson.validity`, whose plane is wider.  It solves
-1680 scenes in some ten minutes, but none that the file holds.
+`python -m laboratory.local_reduction [KEPT.jsonl]` prints the fit and the errors of the
+rule and of the paper's, on both halves and on the map of `persson.validity`, whose
+plane is wider.  It solves 1680 scenes in some ten minutes, but none that the file
+holds.
 """
 
 import json
@@ -33,7 +36,10 @@ HALVES = {
     "judged": {"hurst": (0.5, 0.95), "bandwidth": (64, 256), "seed": (5, 6, 7, 8)},
 }
 ROLL_OFFS = (1, 4)
-LOADS, HARDNESSES = (0.005, 0.02, 0.05, 0.1, 0.2, 0.4), (0.1, 0.16, 0.3, 0.6, 1.2, math.inf)
+LOADS, HARDNESSES = (
+    (0.005, 0.02, 0.05, 0.1, 0.2, 0.4),
+    (0.1, 0.16, 0.3, 0.6, 1.2, math.inf),
+)
 PLACES = [(p, h) for h, p in product(HARDNESSES, LOADS) if p < 0.85 * h]
 AIMS, LEAST = {"total": 0.02, "elastic": 0.05, "plastic": 0.05}, 1e-3
 SPECTRUM = ["half", "hurst", "bandwidth", "roll_off"]
@@ -47,7 +53,9 @@ def spectrum_of(hurst, bandwidth, roll_off):
 def solved(hurst, bandwidth, roll_off, seed):
     """A row for each place: the corrected areas and their claims."""
     spectrum, side = spectrum_of(hurst, bandwidth, roll_off), 4 * bandwidth
-    surface = SelfAffine(spectrum, (2 * math.pi / LOWEST,) * 2, (side, side), seed).build()
+    surface = SelfAffine(
+        spectrum, (2 * math.pi / LOWEST,) * 2, (side, side), seed
+    ).build()
     for p0, hardness in PLACES:
         body, load = Material(MODULUS, 0.0, hardness * MODULUS), Load(p0 * MODULUS)
         areas = bem.solve(Scene(surface, body, load), area_tolerance=1e-4).final.areas
@@ -106,7 +114,9 @@ def fit(table, start=CONSTANTS):
     """gamma, b and c."""
     area, aims = table[[*AIMS]].to_numpy(), np.array([*AIMS.values()])
     error = table[[f"{part}_error" for part in AIMS]].to_numpy()
-    scale = np.hypot(aims, np.divide(error, area, out=np.ones_like(area), where=area > 0))
+    scale = np.hypot(
+        aims, np.divide(error, area, out=np.ones_like(area), where=area > 0)
+    )
     used = usable(table)
 
     def misfit(constants):
@@ -114,11 +124,15 @@ def fit(table, start=CONSTANTS):
         return (np.log(found[used] / area[used])) / scale[used]
 
     bounds = ([0.01] * 3, [1.0] * 3)
-    return least_squares(misfit, start, "2-point", bounds, loss="soft_l1", diff_step=0.01).x
+    return least_squares(
+        misfit, start, "2-point", bounds, loss="soft_l1", diff_step=0.01
+    ).x
 
 
 def over_the_map():
-    """The map in the columns of `measured`, and the areas of the paper's rule (rows, 3)."""
+    """The map in the columns of `measured`, and the areas of the paper's rule (rows,
+    3).
+    """
     table = pd.read_csv(files("epcontact.persson") / "theory_map.csv", comment="#")
     table["p0"] = table["load"] * table["hardness"].replace(math.inf, 1.0)
     table = table.rename(columns={"wavelength_ratio": "bandwidth"})
@@ -127,14 +141,18 @@ def over_the_map():
 
 
 def report(name, found, table):
-    """Print the rms, median, 95 % and largest error of each area in %, and what is in the aim."""
+    """Print the rms, median, 95 % and largest error of each area in %, and what is in
+    the aim.
+    """
     area, used = table[[*AIMS]].to_numpy(), usable(table)
     for i, (part, aim) in enumerate(AIMS.items()):
         off = 100 * (found[used[:, i], i] / area[used[:, i], i] - 1)
         within = 100 * np.mean(abs(off) < 100 * aim)
         middle, wide = np.quantile(abs(off), [0.5, 0.95])
         figures = math.sqrt(np.mean(off**2)), middle, wide, abs(off).max(), within
-        said = "rms {:.1f} median {:.1f} 95 % {:.1f} most {:.0f} within {:.0f}".format(*figures)
+        said = "rms {:.1f} median {:.1f} 95 % {:.1f} most {:.0f} within {:.0f}".format(
+            *figures
+        )
         print(f"{name:28}{part:9}{said}")
 
 
@@ -145,7 +163,11 @@ def main():
     print("gamma, b, c", constants.round(4), "in use", CONSTANTS)
     for half, rolled in product(HALVES, ROLL_OFFS):
         rows = table[(table["half"] == half) & (table["roll_off"] == rolled)]
-        report(f"{half}, roll-off {rolled}, local", by_local(rows, CONSTANTS, (50, 8)), rows)
+        report(
+            f"{half}, roll-off {rolled}, local",
+            by_local(rows, CONSTANTS, (50, 8)),
+            rows,
+        )
         paper = persson.areas(GAMMA / 8, rows["p0"], rows["hardness"])
         paper = np.column_stack([getattr(paper, part) for part in AIMS])
         report(f"{half}, roll-off {rolled}, paper's", paper, rows)

@@ -1,4 +1,6 @@
-"""What the laboratories of kept maps share: their sweeps, the file that they write, the command."""
+"""What the laboratories of kept maps share: their sweeps, the file that they write, the
+command.
+"""
 
 import argparse
 from pathlib import Path
@@ -11,7 +13,9 @@ from epcontact.results import package_versions
 
 
 def solved(name, size, output, jobs=None):
-    """Yield each sweep of a case file when what `output` does not keep of it is solved."""
+    """Yield each sweep of a case file when what `output` does not keep of it is
+    solved.
+    """
     (file,) = (file for file in package_files() if case_name(file) == name)
     for case in read_cases(file):
         if size not in case.sizes:
@@ -25,10 +29,16 @@ def solved(name, size, output, jobs=None):
 
 
 def write(path, size, header, table):
-    """Write a table below the header, which has places for the size and the versions."""
-    versions = ", ".join(f"{name} {version}" for name, version in package_versions().items())
+    """Write a table below the header, which has places for the size and the
+    versions.
+    """
+    versions = ", ".join(
+        f"{name} {version}" for name, version in package_versions().items()
+    )
     with whole_file(path) as temporary:
-        temporary.write_text(header.format(size=size, versions=versions) + table, encoding="utf-8")
+        temporary.write_text(
+            header.format(size=size, versions=versions) + table, encoding="utf-8"
+        )
 
 
 def parser(name):

@@ -1,9 +1,11 @@
-"""How far a grid is off in the patches of a contact, and in the shares at which they percolate.
+"""How far a grid is off in the patches of a contact, and in the shares at which they
+percolate.
 
-Rough, skewed and worn surfaces of 16 shortest waves a period, elastic or capped, are solved on 4
-and 8 points a shortest wave, and on 32 for the truth.
+Rough, skewed and worn surfaces of 16 shortest waves a period, elastic or capped, are
+solved on 4 and 8 points a shortest wave, and on 32 for the truth.
 
-`python -m laboratory.patches` prints the tables of the guide, in some five minutes of one core.
+`python -m laboratory.patches` prints the tables of the guide, in some five minutes of
+one core.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ PATCHES = [f"quantity.{part}_patches{of}" for part in PARTS for of in ("", "_lar
 
 
 def measured(kind, seed, finer):
-    """The shares with their claims, and the patches, of one surface on 4 `finer` points a wave."""
+    """The shares with their claims, and the patches, of one surface on 4 `finer` points
+    a wave.
+    """
     random = np.random.default_rng([seed, 3])
     hardness = float(random.choice([math.inf, 0.6, 0.3, 0.1]))
     load = random.choice([0.03, 0.1, 0.3]) * min(hardness, 0.6)
@@ -37,15 +41,21 @@ def measured(kind, seed, finer):
     surface = Surface(heights, one.periods)
     scene = Scene(surface, Material(1.0, 0.0, hardness), Load(float(load)))
     result = bem.solve(scene, tolerance=1e-7, threads=1)
-    names = [share + what for share in SHARES for what in ("", ".raw", ".error")] + PATCHES
+    names = [
+        share + what for share in SHARES for what in ("", ".raw", ".error")
+    ] + PATCHES
     found = measure_all(names, scene, result)
     capped = {} if hardness < math.inf else dict.fromkeys(PATCHES[2:], math.nan)
     return found | capped  # elastic contact alone is the total one
 
 
 def main():
-    """Print the tables: of the shares, in shares, and of the patches, over those of the truth."""
-    scenes = [(kind, seed) for seed in SEEDS for kind in ("self-affine", "skewed", "worn")]
+    """Print the tables: of the shares, in shares, and of the patches, over those of the
+    truth.
+    """
+    scenes = [
+        (kind, seed) for seed in SEEDS for kind in ("self-affine", "skewed", "worn")
+    ]
     truth = pd.DataFrame([measured(*scene, FINE) for scene in scenes])
     for finer in COARSE:
         found = pd.DataFrame([measured(*scene, finer) for scene in scenes])

@@ -1,20 +1,21 @@
 """The laboratory of the rim correction: it measures the constants of `bem.areas`.
 
-A straight front with its normal n along the lattice direction (a, b) divides a square grid into
-rows of one pressure each, h = dx/sqrt(a^2 + b^2) apart.  Their compliance at the wave number q is
-that of the grid at q n folded into its first Brillouin zone, 2/(E* |fold(q n)|).  So a problem on a
-line gives the answer for fronts of any direction.
+A straight front with its normal n along the lattice direction (a, b) divides a square
+grid into rows of one pressure each, h = dx/sqrt(a^2 + b^2) apart.  Their compliance at
+the wave number q is that of the grid at q n folded into its first Brillouin zone, 2/(E*
+|fold(q n)|).  So a problem on a line gives the answer for fronts of any direction.
 
-A Wiener-Hopf factorisation on the half-line of rows gives one front: (1/S_+)(alpha n + beta),
-0 <= beta <= alpha.  Far inside, this is the continuum's K sqrt(s) with the front
+A Wiener-Hopf factorisation on the half-line of rows gives one front: (1/S_+)(alpha n +
+beta), 0 <= beta <= alpha.  Far inside, this is the continuum's K sqrt(s) with the front
     delta(n)/dx = -(1/pi) int_0^inf ln(|fold(t n)|/t) dt/t^2
-behind the edge of the counted cells, averaged over positions: 0.190 along the grid's axes, 0.134
-along the diagonals.  A front located by `bem.areas.grid` is 0.190 dx off along the axes at any
-position, and 0.164 along the diagonals.
+behind the edge of the counted cells, averaged over positions: 0.190 along the grid's
+axes, 0.134 along the diagonals.  A front located by `bem.areas.grid` is 0.190 dx off
+along the axes at any position, and 0.164 along the diagonals.
 
-If an elastic strip of width w separates apart and plastic points, the offset vanishes with w,
-overshoots and settles at a spacing's width.  Solutions over all w, directions and positions give it
-as a function of u, the mean of hardness/|grad v| in a cell and of that one link further inside.
+If an elastic strip of width w separates apart and plastic points, the offset vanishes
+with w, overshoots and settles at a spacing's width.  Solutions over all w, directions
+and positions give it as a function of u, the mean of hardness/|grad v| in a cell and of
+that one link further inside.
 
 `python -m laboratory.rim` prints the constants and tables, in some ten seconds.
 """
@@ -36,13 +37,38 @@ from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
 from epcontact.studies.areas import solution
 
-#: Lattice directions of the fronts over an eighth of the circle; symmetry gives the rest.
-DIRECTIONS = ((1, 0), (23, 1), (17, 3), (15, 4), (13, 5), (11, 7), (13, 9), (11, 9), (1, 1))
-#: Period of the waviness in grid spacings, and hardnesses in units of E* h/dx, which give strips
-#: of widths from 0 to 4 dx.
+#: Lattice directions of the fronts over an eighth of the circle; symmetry gives the
+#: rest.
+DIRECTIONS = (
+    (1, 0),
+    (23, 1),
+    (17, 3),
+    (15, 4),
+    (13, 5),
+    (11, 7),
+    (13, 9),
+    (11, 9),
+    (1, 1),
+)
+#: Period of the waviness in grid spacings, and hardnesses in units of E* h/dx, which
+#: give strips of widths from 0 to 4 dx.
 PERIOD = 40
 HARDNESSES = (
-    *(0.003, 0.006, 0.01, 0.014, 0.018, 0.022, 0.026, 0.03, 0.034, 0.037, 0.04, 0.043, 0.046),
+    *(
+        0.003,
+        0.006,
+        0.01,
+        0.014,
+        0.018,
+        0.022,
+        0.026,
+        0.03,
+        0.034,
+        0.037,
+        0.04,
+        0.043,
+        0.046,
+    ),
     *(0.05, 0.053, 0.056, 0.06, 0.063, 0.066, 0.07, 0.074, 0.078, 0.083, 0.09, 0.095),
 )
 #: Weight of the second differences of the table in the fit.
@@ -55,9 +81,11 @@ def fold(x):
 
 
 def front_offset(angle, limit=400 * math.pi, points=2_000_000):
-    """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the integral.
+    """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the
+    integral.
 
-    Beyond `limit` ln|q| is replaced by its mean over the zone, ln pi + ln(2)/2 - 3/2 + pi/4.
+    Beyond `limit` ln|q| is replaced by its mean over the zone, ln pi + ln(2)/2 - 3/2 +
+    pi/4.
     """
     c, s = math.cos(angle), math.sin(angle)
     begin = math.pi / max(abs(c), abs(s))
@@ -74,7 +102,9 @@ def wave(points, phase=0.0):
 
 
 def row_period(direction, period):
-    """(rows, their length in dx) nearest to a period; columns of the grid meet every row."""
+    """(rows, their length in dx) nearest to a period; columns of the grid meet every
+    row.
+    """
     norm = math.hypot(*direction)
     rows = 2 * round(period * norm / 2)
     while math.gcd(rows, direction[0]) > 1:
@@ -83,8 +113,13 @@ def row_period(direction, period):
 
 
 def link_of(v, hardness=math.inf):
-    """The `Links` of six values v, from inside out, where nothing has flowed before, as numbers."""
-    values, found = np.append(v, (0.0, hardness, 0.0))[:, None], np.zeros((len(Links._fields), 1))
+    """The `Links` of six values v, from inside out, where nothing has flowed before, as
+    numbers.
+    """
+    values, found = (
+        np.append(v, (0.0, hardness, 0.0))[:, None],
+        np.zeros((len(Links._fields), 1)),
+    )
     for find in (locate, relocate):
         find(values, 1, hardness, Links(*found))
     return Links(*found[:, 0])
@@ -93,8 +128,9 @@ def link_of(v, hardness=math.inf):
 def front_sums(direction, period, phase, load, hardness=math.inf):
     """Sums of `grid.sweep` for one front per dx of it, across a lattice direction.
 
-    The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns the sums
-    with the first node of the table alone, and the offsets (nodes, 2) with each node.
+    The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns
+    the sums with the first node of the table alone, and the offsets (nodes, 2) with
+    each node.
     """
     (a, b), (n, length) = direction, row_period(direction, period)
     q = 2 * np.pi * np.arange(n // 2 + 1) / n
@@ -103,10 +139,16 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
     options, heights = Options(tolerance=1e-7), wave(n, phase)
     found = solve_pressure(heights, 2 / folded, load, hardness, options=options)
     p, g = found.pressure, found.gap(heights)
-    column = (a * np.arange(n)[:, None] + b * (np.arange(6) - 2)) % n  # this strip meets every row
-    fields, stiffness = (p[column], g[column], hardness * (1 - 1e-12)), (STIFFNESS, STIFFNESS)
+    column = (
+        a * np.arange(n)[:, None] + b * (np.arange(6) - 2)
+    ) % n  # this strip meets every row
+    fields, stiffness = (
+        (p[column], g[column], hardness * (1 - 1e-12)),
+        (STIFFNESS, STIFFNESS),
+    )
     flow = np.zeros((0, 0)), hardness
-    # Cells whose last corner is in the fourth of the six columns have all that they need.
+    # Cells whose last corner is in the fourth of the six columns have all that they
+    # need.
     block = np.array([[0, n, 3, 4]])
     found = grid.Solution(*fields, stiffness, *flow)
     tables = np.eye(len(WIDTHS))
@@ -116,7 +158,9 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
 
 
 def exact_fronts(hardness, period, points=1 << 16):
-    """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine line."""
+    """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine
+    line.
+    """
     spacing = period / points
     p, g, *_ = solution(wave(points, 0.3), hardness / 2, hardness, (period,))
     field = p - STIFFNESS / spacing * g
@@ -126,7 +170,9 @@ def exact_fronts(hardness, period, points=1 << 16):
 
 
 def _length(field):
-    """Length (in points) where a line's p - c g is positive, its crossings interpolated."""
+    """Length (in points) where a line's p - c g is positive, its crossings
+    interpolated.
+    """
     after = np.roll(field, -1)
     crossing = (field > 0) != (after > 0)
     high, low = np.maximum(field, after)[crossing], np.minimum(field, after)[crossing]
@@ -140,7 +186,9 @@ Fronts = list[tuple[tuple[int, int], float, list[float]]]
 
 
 def all_directions(along=40, across=2):
-    """Return fronts of all directions; those along the grid or its diagonal need many phases."""
+    """Return fronts of all directions; those along the grid or its diagonal need many
+    phases.
+    """
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
     weights /= weights.sum()
@@ -152,16 +200,20 @@ def all_directions(along=40, across=2):
 
 
 def calibrate_directions():
-    """(mean over all angles in dx, share of cos 4 theta in it, scatter) of the offset of one front.
+    """(mean over all angles in dx, share of cos 4 theta in it, scatter) of the offset
+    of one front.
 
-    The scatter, in dx, is the largest rms distance of all directions, over positions of the front.
+    The scatter, in dx, is the largest rms distance of all directions, over positions of
+    the front.
     """
     load, exact = 0.5, line_contact_fraction(0.5) / 2
     offsets, weights = [], []
     for direction, weight, phases in all_directions(40, 1):
         weights.append(weight * len(phases))
         period = row_period(direction, PERIOD)[1]
-        each = [front_sums(direction, PERIOD, s, load * math.pi / period)[0] for s in phases]
+        each = [
+            front_sums(direction, PERIOD, s, load * math.pi / period)[0] for s in phases
+        ]
         sums = grid.Sums(*np.array(each)[..., 0].T)
         offsets.append((sums.area - exact * period) / (sums.length + sums.shared))
     waves = np.array([math.cos(4 * math.atan2(b, a)) for a, b in DIRECTIONS])
@@ -169,14 +221,18 @@ def calibrate_directions():
     amplitude, _ = np.polyfit(waves, means, 1)
     mean = np.average(means - amplitude * waves, weights=weights)
     fit = mean + amplitude * waves
-    scatter = max(np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(offsets, fit, strict=True))
+    scatter = max(
+        np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(offsets, fit, strict=True)
+    )
     return float(mean), float(amplitude / mean), float(scatter)
 
 
 def calibrate_strips(fronts):
-    """(offsets at WIDTHS, largest misfit), in dx, of a front with another one beside it.
+    """(offsets at WIDTHS, largest misfit), in dx, of a front with another one beside
+    it.
 
-    Least squares over the widths of the strip, each the mean over directions and positions.
+    Least squares over the widths of the strip, each the mean over directions and
+    positions.
     """
     features, biases = [], []
     for hardness in HARDNESSES:
@@ -188,7 +244,9 @@ def calibrate_strips(fronts):
                 cap = hardness / scale
                 sums, nodes = front_sums(direction, PERIOD, phase, cap / 2, cap)
                 feature += weight * nodes.mean(axis=1)
-                outer, inner = grid.Sums(*sums).area - np.array([contact, plastic]) * scale
+                outer, inner = (
+                    grid.Sums(*sums).area - np.array([contact, plastic]) * scale
+                )
                 bias += weight * (outer - inner) / 2
         features.append(feature)
         biases.append(bias)
@@ -209,8 +267,9 @@ def _fit(features, biases):
 
 
 def spheres(shape, radius, seed, shifts):
-    """The sums over the fronts of spheres at random places on a square of side 1, and the area of
-    each in cells, exact by Hertz."""
+    """The sums over the fronts of spheres at random places on a square of side 1, and
+    the area of each in cells, exact by Hertz.
+    """
     force = 4 / 3 * radius**3
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
@@ -251,8 +310,9 @@ def released(heights, compliance, load, hardness, after):
 
 
 def calibrate_release(phases=16, points=1 << 15):
-    """By what part of `front.release` straight fronts have come off the edges of flattened spots,
-    the mean over directions, positions, strips below .7 dx and loads."""
+    """By what part of `front.release` straight fronts have come off the edges of
+    flattened spots, the mean over directions, positions, strips below .7 dx and loads.
+    """
     q, spacing = 2 * np.pi * np.arange(points // 2 + 1) / PERIOD, PERIOD / points
     need = release = 0.0
     q[0] = np.inf
@@ -269,7 +329,9 @@ def calibrate_release(phases=16, points=1 << 15):
             for phase in places:
                 fields = released(wave(n, phase), 2 / folded, cap / 2, cap, after)
                 p, g, flow = (field[column] for field in fields)
-                solution = grid.Solution(p, g, np.inf, (STIFFNESS, STIFFNESS), flow, cap)
+                solution = grid.Solution(
+                    p, g, np.inf, (STIFFNESS, STIFFNESS), flow, cap
+                )
                 sums = grid.sweep(solution, np.array([[0, n, 3, 4]]), OFFSETS)[0, 0]
                 sums = grid.Sums(*sums)
                 area = sums.area - sums.offset - HARMONIC * sums.harmonic
@@ -285,7 +347,13 @@ def main():
     counted = np.mean([front_offset(angle, points=200_000) for angle in angles])
     print("of all directions", round(float(counted), 4), "in use", COUNTED)
     mean, amplitude, scatter = calibrate_directions()
-    print("offset of a located front", round(mean, 4), "(1 +", round(amplitude, 4), "cos 4 theta)")
+    print(
+        "offset of a located front",
+        round(mean, 4),
+        "(1 +",
+        round(amplitude, 4),
+        "cos 4 theta)",
+    )
     print("scatter of it", round(scatter, 4), "in use", 0.4 * HARMONIC * OFFSETS[-1])
     print("u     ", WIDTHS)
     table, misfit = calibrate_strips(all_directions())

@@ -1,18 +1,21 @@
 """The laboratory of the theory's error: it makes the map `persson/theory_map.csv`.
 
-The scenes are the sweeps of `cases/theory-map.toml`: boundary elements and the theory at places of
-the plane of p0/hardness (without a hardness: of p0/(E* xi)) and hardness/(E* xi), for several
-spectra.  The columns are the mean figure of the boundary elements (corrected areas over the nominal
-one, gap over the rms height), `_scatter`, its relative standard error over the surfaces, `_grid`,
-the relative error that the areas claim of the grid, and `_theory`, the theory's figure over it less
-one.  Slopes are told by the last two, and the Wasserstein distance is that of the mean distribution
-from the theory's.  The pressures lose at each end what the correction takes from its area.
+The scenes are the sweeps of `cases/theory-map.toml`: boundary elements and the theory
+at places of the plane of p0/hardness (without a hardness: of p0/(E* xi)) and
+hardness/(E* xi), for several spectra.  The columns are the mean figure of the boundary
+elements (corrected areas over the nominal one, gap over the rms height), `_scatter`,
+its relative standard error over the surfaces, `_grid`, the relative error that the
+areas claim of the grid, and `_theory`, the theory's figure over it less one.  Slopes
+are told by the last two, and the Wasserstein distance is that of the mean distribution
+from the theory's.  The pressures lose at each end what the correction takes from its
+area.
 
-`python -m laboratory.theory_map --size large` makes the map of the package in some half an hour of
-one core (`fast`: a small one that shows how), and solves no scene again that `--output` holds.
-`--judge 470 640` counts how often the intervals of `persson.validity` hold the errors in scenes of
-other spectra, surfaces and places; its constants were chosen on the scenes 0 to 469, `--light` ones
-from 2000 to 8199 (light loads of 64 to 256 waves) and, of `--local`, the other rule, 7000 to 7299.
+`python -m laboratory.theory_map --size large` makes the map of the package in some half
+an hour of one core (`fast`: a small one that shows how), and solves no scene again that
+`--output` holds. `--judge 470 640` counts how often the intervals of `persson.validity`
+hold the errors in scenes of other spectra, surfaces and places; its constants were
+chosen on the scenes 0 to 469, `--light` ones from 2000 to 8199 (light loads of 64 to
+256 waves) and, of `--local`, the other rule, 7000 to 7299.
 """
 
 from __future__ import annotations
@@ -38,8 +41,9 @@ from laboratory import maps
 
 PLACE = ["hurst", "wavelength_ratio", "roll_off", "hardness", "load"]
 PARTS = ("total", "elastic", "plastic")
-#: Slopes are means within this share of the smaller of hardness and E* xi, below a hardness of
-#: which (over E* xi) the points next to a rim fill the window on four points a wave.
+#: Slopes are means within this share of the smaller of hardness and E* xi, below a
+#: hardness of which (over E* xi) the points next to a rim fill the window on four
+#: points a wave.
 WINDOW, LEAST = 0.2, 0.6
 HEADER = """\
 # The theory's error; tests/laboratory/theory_map.py says what the columns are.
@@ -48,7 +52,9 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the scenes of the map that are not kept in `output`; return the map and its file."""
+    """Solve the scenes of the map that are not kept in `output`; return the map and its
+    file.
+    """
     rows = []
     for sweep in maps.solved("theory-map", size, output, jobs):
         places = {}
@@ -61,29 +67,41 @@ def make_map(size, output, jobs=None):
 
 
 def place_row(tasks, output):
-    """The errors of the theory at one place, with their standard errors and the grid's claims."""
+    """The errors of the theory at one place, with their standard errors and the grid's
+    claims.
+    """
     (theory,) = (kept(task, output) for task in tasks if task.method.name == "persson")
     found = [kept(task, output) for task in tasks if task.method.name == "bem"]
     case, spectrum = tasks[0].case, tasks[0].recipe.spectrum
-    unit, hardness = effective_modulus(case.material) * spectrum.rms_slope, case.material.hardness
+    unit, hardness = (
+        effective_modulus(case.material) * spectrum.rms_slope,
+        case.material.hardness,
+    )
     scale = hardness if math.isfinite(hardness) else unit
-    low, mid, high = (getattr(spectrum, f"wavenumber_{k}") for k in ("low", "roll_off", "high"))
+    low, mid, high = (
+        getattr(spectrum, f"wavenumber_{k}") for k in ("low", "roll_off", "high")
+    )
     place = (spectrum.hurst, high / low, mid / low, hardness / unit)
     row = dict(zip(PLACE, (*place, theory.final.mean_pressure / scale), strict=True))
     row["surfaces"] = len(found)
     for part in PARTS:
         exact = getattr(theory.final.areas["raw"], part)
         values = [getattr(result.final.areas["corrected"], part) for result in found]
-        claim = np.mean([getattr(result.final.areas["error"], part) for result in found])
+        claim = np.mean(
+            [getattr(result.final.areas["error"], part) for result in found]
+        )
         known = np.mean(values) > claim  # else the grid does not resolve it
         row |= figures(part, exact, values if known else [math.nan])
         row[f"{part}_grid"] = claim / np.mean(values) if known else math.nan
-    # Gaps hang on the longest waves, of which a period holds a few, and not a continuous spectrum.
+    # Gaps hang on the longest waves, of which a period holds a few, and not a
+    # continuous spectrum.
     rough, height = own_roughness(tasks[0].recipe)
     reduction = EnergyReduction(case.options["persson"]["energy_reduction"])
     own = Theory(rough, effective_modulus(case.material), reduction, hardness)
     gaps = [result.final.quantities["mean_gap"] / height for result in found]
-    row |= figures("mean_gap", mean_separation(own, theory.final.mean_pressure) / height, gaps)
+    row |= figures(
+        "mean_gap", mean_separation(own, theory.final.mean_pressure) / height, gaps
+    )
     pressures = [corrected(result) for result in found]
     row |= distances(pressures, theory.distribution, hardness)
     width = WINDOW * min(hardness, unit)
@@ -105,14 +123,24 @@ def own_roughness(recipe):
 
 
 def figures(name, exact, values):
-    """The mean of a figure, its relative standard error, and the relative error of the theory's."""
+    """The mean of a figure, its relative standard error, and the relative error of the
+    theory's.
+    """
     mean = np.mean(values)
-    deviation = np.std(values, ddof=1) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    return {name: mean, f"{name}_scatter": deviation / mean, f"{name}_theory": exact / mean - 1}
+    deviation = (
+        np.std(values, ddof=1) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    )
+    return {
+        name: mean,
+        f"{name}_scatter": deviation / mean,
+        f"{name}_theory": exact / mean - 1,
+    }
 
 
 def corrected(result):
-    """The distribution of the pressures without what the correction takes from its ends."""
+    """The distribution of the pressures without what the correction takes from its
+    ends.
+    """
     raw, areas = (result.final.areas[kind] for kind in ("raw", "corrected"))
     known = result.distribution
     share = np.clip(known.cumulative - (raw.total - areas.total), 0, areas.elastic)
@@ -120,9 +148,13 @@ def corrected(result):
 
 
 def distances(pressures, exact, hardness):
-    """The Wasserstein distance of the mean distribution from the theory's, and its error."""
+    """The Wasserstein distance of the mean distribution from the theory's, and its
+    error.
+    """
     sigma = np.unique(np.concatenate([one.pressure for one in pressures]))
-    shares = np.array([np.interp(sigma, one.pressure, one.cumulative) for one in pressures])
+    shares = np.array(
+        [np.interp(sigma, one.pressure, one.cumulative) for one in pressures]
+    )
     plastic = np.array([one.plastic for one in pressures])
 
     def off(used):
@@ -137,21 +169,30 @@ def distances(pressures, exact, hardness):
 
 
 def end_shares(known, width):
-    """The shares of the area within a width of pressure of zero, and of the upper end."""
+    """The shares of the area within a width of pressure of zero, and of the upper
+    end.
+    """
     top = known.pressure[-1] - width
     low, high = np.interp([width, top], known.pressure, known.cumulative)
     return low, known.cumulative[-1] - high
 
 
 def random_scene(number, wide=(16, 128), heaviest=2.2):
-    """A scene of a spectrum, a surface and a place of the plane that are not those of the map, of
-    so many waves at the least and most, and up to a load whose logit is given."""
+    """A scene of a spectrum, a surface and a place of the plane that are not those of
+    the map, of so many waves at the least and most, and up to a load whose logit is
+    given.
+    """
     random = np.random.default_rng([32, number])
-    hurst, roll = round(random.uniform(0.25, 0.98), 3), float(random.choice([1, 2, 4, 6]))
+    hurst, roll = (
+        round(random.uniform(0.25, 0.98), 3),
+        float(random.choice([1, 2, 4, 6])),
+    )
     ends = max(wide[0], 4 * roll), wide[1]
     wide = round(float(np.exp(random.uniform(*np.log(ends)))))
     elastic = random.random() < 0.15
-    hardness = math.inf if elastic else float(np.exp(random.uniform(*np.log([0.06, 3.0]))))
+    hardness = (
+        math.inf if elastic else float(np.exp(random.uniform(*np.log([0.06, 3.0]))))
+    )
     share = 1 / (1 + math.exp(-random.uniform(-6.2, heaviest)))
     load = (
         float(np.exp(random.uniform(*np.log([0.005, 0.8 if heaviest > 0 else 0.05]))))
@@ -161,11 +202,15 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll * LOWEST, wide * LOWEST, 1.0)
     periods, points = (2 * math.pi / LOWEST,) * 2, (4 * wide,) * 2
     surface = SelfAffine(spectrum, periods, points, 5000 + number).build()
-    return Scene(surface, Material(MODULUS, 0.0, hardness * MODULUS), Load(load * MODULUS))
+    return Scene(
+        surface, Material(MODULUS, 0.0, hardness * MODULUS), Load(load * MODULUS)
+    )
 
 
 def judged(scene, **rule):
-    """A row for each known figure of a scene: whether the expected errors hold the theory's."""
+    """A row for each known figure of a scene: whether the expected errors hold the
+    theory's.
+    """
     rule = rule or {"energy_reduction": validity.GAMMA}
     theory = Theory.of_scene(scene, **rule)
     try:
@@ -184,26 +229,40 @@ def judged(scene, **rule):
             error = mine[figure] / exact[figure] - 1
             low, _, high = found[figure]
             held = low <= error <= high
-            rows.append({"figure": figure, "error": error, "held": held, "ends": (low, high)})
+            rows.append(
+                {"figure": figure, "error": error, "held": held, "ends": (low, high)}
+            )
     return rows
 
 
 def judge(first, last, light=False, local=False):
-    """Judge the map by random scenes and print how often its intervals hold the errors."""
+    """Judge the map by random scenes and print how often its intervals hold the
+    errors.
+    """
     rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"} if local else {}
     limits = ((64, 256), -4.0) if light else ()
-    found = [row for k in range(first, last) for row in judged(random_scene(k, *limits), **rule)]
+    found = [
+        row
+        for k in range(first, last)
+        for row in judged(random_scene(k, *limits), **rule)
+    ]
     table = pd.DataFrame(found)
     print(table.groupby("figure")["held"].agg(["size", "mean"]).round(3))
     print(table["error"].abs().groupby(table["figure"]).quantile(0.95).round(3))
-    print(f"{len(table)} errors, {table['held'].mean():.3f} of them within the interval")
+    print(
+        f"{len(table)} errors, {table['held'].mean():.3f} of them within the interval"
+    )
 
 
 def main():
     """Make the map of a size, or judge the one of the package."""
     parser = maps.parser("theory_map")
-    parser.add_argument("--judge", type=int, nargs=2, help="random scenes, from one to another")
-    parser.add_argument("--light", action="store_true", help="light loads of wide spectra")
+    parser.add_argument(
+        "--judge", type=int, nargs=2, help="random scenes, from one to another"
+    )
+    parser.add_argument(
+        "--light", action="store_true", help="light loads of wide spectra"
+    )
     parser.add_argument("--local", action="store_true", help="the rule 'local'")
     given = parser.parse_args()
     if given.judge:

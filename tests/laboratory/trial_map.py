@@ -1,7 +1,8 @@
-"""The map of a user's trial: turned steel with tilt, holes and spikes, and what its spikes change.
+"""The map of a user's trial: turned steel with tilt, holes and spikes, and what its
+spikes change.
 
-`python -m laboratory.trial_map` prints areas and hardness with and without spikes, in a minute of
-one core.
+`python -m laboratory.trial_map` prints areas and hardness with and without spikes, in a
+minute of one core.
 """
 
 from __future__ import annotations
@@ -22,11 +23,17 @@ YIELD, PRESSURE = 1.0e9, 4.0e8  # Pa
 
 
 def trial_map(spikes: int = 25, seed: int = 34, *, holes: bool = True) -> np.ndarray:
-    """Heights (400, 300) in µm: marks of a tool 37.2 µm apart, roughness, tilt, holes, spikes."""
+    """Heights (400, 300) in µm: marks of a tool 37.2 µm apart, roughness, tilt, holes,
+    spikes.
+    """
     rng = np.random.default_rng(seed)
     wave = 2 * np.pi / (512 * PIXEL)
     spectrum = SelfAffineSpectrum(0.8, wave, 12 * wave, 128 * wave, 0.05)
-    rough = SelfAffine(spectrum, (512 * PIXEL,) * 2, (512, 512), seed).build().heights[:400, :300]
+    rough = (
+        SelfAffine(spectrum, (512 * PIXEL,) * 2, (512, 512), seed)
+        .build()
+        .heights[:400, :300]
+    )
     x, y = np.meshgrid(np.arange(400) * PIXEL, np.arange(300) * PIXEL, indexing="ij")
     mark = (x + 0.02 * y) / 37.2
     heights = rough + 3.0 * (mark % 1 - 0.5) ** 2 + 0.01 * x - 0.006 * y
@@ -38,10 +45,14 @@ def trial_map(spikes: int = 25, seed: int = 34, *, holes: bool = True) -> np.nda
 
 
 def row(spikes: int, outliers: str) -> dict[str, object]:
-    """The hardness of the trial and its areas at 400 MPa, with so many spikes kept or removed."""
+    """The hardness of the trial and its areas at 400 MPa, with so many spikes kept or
+    removed.
+    """
     periods = (400 * PIXEL * 1e-6, 300 * PIXEL * 1e-6)
     steps = {"missing": "harmonic", "form": 1, "outliers": outliers}
-    surface = HeightsFromArray(1e-6 * trial_map(spikes), periods, "mirrored", **steps).build()
+    surface = HeightsFromArray(
+        1e-6 * trial_map(spikes), periods, "mirrored", **steps
+    ).build()
     slope = surface_moments(surface).rms_slope
     cap = effective_hardness(
         yield_stress=YIELD, rms_slope=slope, mean_pressure=PRESSURE, **STEEL
@@ -50,15 +61,27 @@ def row(spikes: int, outliers: str) -> dict[str, object]:
     last = bem.solve(scene, threads=1).final
     area, claimed = (last.areas[kind].total for kind in ("corrected", "error"))
     return {
-        "spikes": spikes, "outliers": outliers, "rms slope": slope, "hardness / GPa": cap / 1e9,
-        "area": area, "claimed": claimed, "mean gap / µm": 1e6 * last.quantities["mean_gap"],
-    }  # fmt: skip
+        "spikes": spikes,
+        "outliers": outliers,
+        "rms slope": slope,
+        "hardness / GPa": cap / 1e9,
+        "area": area,
+        "claimed": claimed,
+        "mean gap / µm": 1e6 * last.quantities["mean_gap"],
+    }
 
 
 def main():
     """Print the table."""
     warnings.simplefilter("ignore")
-    cases = [(0, "keep"), (0, "remove"), (1, "keep"), (1, "remove"), (25, "keep"), (25, "remove")]
+    cases = [
+        (0, "keep"),
+        (0, "remove"),
+        (1, "keep"),
+        (1, "remove"),
+        (25, "keep"),
+        (25, "remove"),
+    ]
     print(pd.DataFrame([row(*case) for case in cases]).to_string(index=False))
 
 

@@ -1,1 +1,3 @@
-"""The linear problem of a Newton step: the inverse of the compliance on the elastic points."""
+"""The linear problem of a Newton step: the inverse of the compliance on the elastic
+points.
+"""

@@ -1,6 +1,7 @@
 """Cells of the grid, in which the elastic points are counted and summed.
 
-The preconditioner works on these cells, and a Newton step keeps the force of each (`bounds.put`).
+The preconditioner works on these cells, and a Newton step keeps the force of each
+(`bounds.put`).
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import compiled, split
 from epcontact.results import FloatArray
 
-#: Points a side of a cell; where the spacings differ, along the axis of the closer points.
+#: Points a side of a cell; where the spacings differ, along the axis of the closer
+#: points.
 CELL = 16
 
 
 def cells_of(symbol: Symbol) -> tuple[int, int]:
-    """The number of cells in each direction of a grid; (1, 1) where it is too small for more.
-    Cells are as wide as long in units of length, not in points; they are at least three points
-    wide, or one, so that a wave has its aliases on the cells' grid at other waves of the points."""
+    """The number of cells in each direction of a grid; (1, 1) where it is too small for
+    more. Cells are as wide as long in units of length, not in points; they are at least
+    three points wide, or one, so that a wave has its aliases on the cells' grid at
+    other waves of the points.
+    """
     (nx, ny), oblong = symbol.shape, symbol.oblong()
     wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
     along, across = (side if side >= 3 else 1.0 for side in wanted)
@@ -31,9 +35,11 @@ def cells_of(symbol: Symbol) -> tuple[int, int]:
 
 
 class Cells:
-    """The cells that listed points lie in; `counts` (cells,) are the points of each, as floats.
-    Blocks of rows share the cells at their edges, so each block sums over a range of cells of its
-    own; `numbers` are the cells of its points, counted from the first one of that range."""
+    """The cells that listed points lie in; `counts` (cells,) are the points of each, as
+    floats. Blocks of rows share the cells at their edges, so each block sums over a
+    range of cells of its own; `numbers` are the cells of its points, counted from the
+    first one of that range.
+    """
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
         self.workers, self.points = convolution.workers, points
@@ -47,13 +53,17 @@ class Cells:
         first = [cells.start for cells in self._ranges]
         (index,) = points.split(points.index)
         columns = convolution.symbol.once(_cell_columns)
-        (self.counts,) = self.sums(number_cells, 1, index, columns, nx, self.shape, first)
+        (self.counts,) = self.sums(
+            number_cells, 1, index, columns, nx, self.shape, first
+        )
 
     def split(self, values: FloatArray) -> list[NDArray[Any]]:
         """For each block the values (cells,) of its range of cells."""
         return split(values, self._ranges)
 
-    def sums(self, kernel: Callable[..., None], number: int, *arguments: Any) -> FloatArray:
+    def sums(
+        self, kernel: Callable[..., None], number: int, *arguments: Any
+    ) -> FloatArray:
         """(number, cells) sums over the points of each cell.
 
         kernel: fills an array (number, cells of a block) by the cells of its points.
@@ -76,9 +86,16 @@ def _cell_columns(symbol: Symbol) -> NDArray[np.int32]:
 
 @compiled
 def number_cells(
-    cell: Any, sums: Any, index: Any, columns: Any, nx: int, cells: tuple[int, int], first: int
+    cell: Any,
+    sums: Any,
+    index: Any,
+    columns: Any,
+    nx: int,
+    cells: tuple[int, int],
+    first: int,
 ) -> None:
-    """cell = the number of the cell of each point, from `first` on; sums: points by cell.
+    """cell = the number of the cell of each point, from `first` on; sums: points by
+    cell.
 
     columns: the column of cells of each of the columns of points; nx: rows of points.
     """

@@ -1,8 +1,9 @@
 """The linear problem of a Newton step, on the elastic set F.
 
-Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p kept, with
-the exact compliance or a cheap one (`split`, or in single precision), preconditioned cell by cell
-(`preconditioner`), or by the inverse of S restricted to F if a grid has no cells.
+Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p
+kept, with the exact compliance or a cheap one (`split`, or in single precision),
+preconditioned cell by cell (`preconditioner`), or by the inverse of S restricted to F
+if a grid has no cells.
 """
 
 from __future__ import annotations
@@ -44,9 +45,11 @@ class InnerOperators:
         return single + (self._split.pairs if self._split else 0.0)
 
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
-        """A cheap operator or the exact one for the next step, on the points of a masked grid.  A
-        cheap one is used while the sets change or the residual falls: the split one on few elastic
-        points, otherwise single precision.  One exact step solves full contact."""
+        """A cheap operator or the exact one for the next step, on the points of a
+        masked grid.  A cheap one is used while the sets change or the residual falls:
+        the split one on few elastic points, otherwise single precision.  One exact step
+        solves full contact.
+        """
         if not changed and residual > 0.5 * self._last_residual:
             self._cheap = False
         self._last_residual, exact = residual, self._convolution
@@ -61,7 +64,9 @@ class InnerOperators:
         return self._split
 
     def preconditioner(self, cells: Cells, masked: MaskedGrid) -> Preconditioner:
-        """The preconditioner by cells, or the inverse compliance (exact in full contact)."""
+        """The preconditioner by cells, or the inverse compliance (exact in full
+        contact).
+        """
         if self._body is not None and cells.points.index.size < self._points:
             return CellPreconditioner(self._body, cells, masked).apply
 
@@ -80,9 +85,10 @@ def conjugate_gradients(
     reduction: float,
     floor: float,
 ) -> int:
-    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting r.  Stops
-    when the 2-norm of r has fallen by `reduction`, or its largest element below `floor`, and
-    returns the number of iterations."""
+    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting
+    r.  Stops when the 2-norm of r has fallen by `reduction`, or its largest element
+    below `floor`, and returns the number of iterations.
+    """
     v, y, d = np.empty_like(r), np.empty_like(r), np.zeros_like(r)
     goal, rho_old, n = reduction * math.sqrt(dot(r, r)), math.inf, r.size
     if np.abs(r).max() <= floor:
@@ -103,7 +109,9 @@ def conjugate_gradients(
 
 
 @compiled
-def cg_step(x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float) -> tuple[float, float]:
+def cg_step(
+    x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float
+) -> tuple[float, float]:
     """x += alpha d, r -= alpha (v - mean); returns sum(r^2) and max|r|."""
     square = largest = 0.0
     for k in range(x.size):

@@ -1,21 +1,24 @@
-"""The preconditioner of the inner iterations: a stencil within cells, and a small problem of cells.
+"""The preconditioner of the inner iterations: a stencil within cells, and a small
+problem of cells.
 
-Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S restricted
-to them: it answers the collective displacement of many contacts, which is long-range, with the
-stiffness of each.  So the two are treated apart.  With Z the indicators of square cells of some
-points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean over each,
+Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S
+restricted to them: it answers the collective displacement of many contacts, which is
+long-range, with the stiffness of each.  So the two are treated apart.  With Z the
+indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean
+over each,
 
     P = (1 - Pi) K (1 - Pi) + Z E^-1 Z^T,
 
-an additive two-level preconditioner whose fine part sees no collective displacement.  K need only
-be right within a cell: a stencil of 3 x 3 points, fitted to 1/S over the wavelengths up to two
-cells.  E approximates Z^T S Z, the cells' displacements by their forces: with c the number of
-points of each cell,
+an additive two-level preconditioner whose fine part sees no collective displacement.  K
+need only be right within a cell: a stencil of 3 x 3 points, fitted to 1/S over the
+wavelengths up to two cells.  E approximates Z^T S Z, the cells' displacements by their
+forces: with c the number of points of each cell,
 
     E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
 
-B is the kernel averaged over pairs of cells, and b the mean displacement of a square under a unit
-force on it; delta is needed because contact within a cell is denser than the cell.
+B is the kernel averaged over pairs of cells, and b the mean displacement of a square
+under a unit force on it; delta is needed because contact within a cell is denser than
+the cell.
 """
 
 from __future__ import annotations
@@ -31,17 +34,24 @@ from epcontact.bem.transforms import Symbol, filtered
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-# The factor 0.6 of delta: contacts are not squares.  0.5 to 1 took the same number of iterations.
+# The factor 0.6 of delta: contacts are not squares.  0.5 to 1 took the same number of
+# iterations.
 _DENSITY = 0.6
-_SAMPLE = 128  # modes in each direction from which the stencil and the squares are computed
-# The stencil is used if it is within this factor of 1/S on every wave up to two cells; otherwise
-# (some bodies and oblong grids) there is no preconditioner by cells (`cg`).
+_SAMPLE = (
+    128  # modes in each direction from which the stencil and the squares are computed
+)
+# The stencil is used if it is within this factor of 1/S on every wave up to two cells;
+# otherwise (some bodies and oblong grids) there is no preconditioner by cells (`cg`).
 _WORST_FIT = 5.0
-_LEAST_DELTA = 0.05  # of b(square): keeps the cells' problem definite where cells are full
-# Of the residual of the cells' problem: 1e-1 takes more iterations on the points, 1e-2 as many.
+_LEAST_DELTA = (
+    0.05  # of b(square): keeps the cells' problem definite where cells are full
+)
+# Of the residual of the cells' problem: 1e-1 takes more iterations on the points, 1e-2
+# as many.
 _REDUCTION = 3e-2
 _PATCHES = 32  # numbers of points, between which delta is interpolated
-# So few cells with points are solved directly; such matrices start no threads of a library.
+# So few cells with points are solved directly; such matrices start no threads of a
+# library.
 _DIRECT = 96
 
 
@@ -61,7 +71,9 @@ class CellBody:
 
 
 def cell_body(symbol: Symbol) -> CellBody | None:
-    """The cell body of a grid's symbol; None where cells are too few, or no stencil fits."""
+    """The cell body of a grid's symbol; None where cells are too few, or no stencil
+    fits.
+    """
     cells = cells_of(symbol)
     if cells == (1, 1):
         return None
@@ -70,7 +82,9 @@ def cell_body(symbol: Symbol) -> CellBody | None:
     if (taps := _stencil(sample, sides)) is None:
         return None
     kernel = _kernel(symbol, cells)
-    return CellBody(taps, kernel, _delta(sample, weights, sides), np.fft.irfft2(kernel, s=cells))
+    return CellBody(
+        taps, kernel, _delta(sample, weights, sides), np.fft.irfft2(kernel, s=cells)
+    )
 
 
 class CellPreconditioner:
@@ -85,11 +99,15 @@ class CellPreconditioner:
         self._used, self._inverse = np.flatnonzero(used), None
         if self._used.size <= _DIRECT:
             i, j = np.divmod(self._used, cells.shape[1])
-            matrix = body.field[i[:, None] - i, j[:, None] - j]  # negative indices are periodic
+            matrix = body.field[
+                i[:, None] - i, j[:, None] - j
+            ]  # negative indices are periodic
             matrix[np.diag_indices(i.size)] += self._delta[self._used]
             self._inverse = np.linalg.inv(matrix)
 
-    def apply(self, r: FloatArray, y: FloatArray, scratch: FloatArray) -> tuple[float, float]:
+    def apply(
+        self, r: FloatArray, y: FloatArray, scratch: FloatArray
+    ) -> tuple[float, float]:
         """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
         cells, points = self._cells, self._cells.points
         index, r_, y_, rest = points.split(points.index, r, y, scratch)
@@ -98,13 +116,17 @@ class CellPreconditioner:
         cells.workers.each(subtract, cells.numbers, r_, cells.split(mean), rest)
         self._masked.put(scratch)
         masked, ny = self._masked.array.reshape(-1), self._masked.columns
-        within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[0]
+        within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[
+            0
+        ]
         shift = cells.split((forces - within) * self._per_point)
         total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
         return total, product
 
     def _solve(self, mean: FloatArray) -> FloatArray:
-        """The cells' forces that give them the mean displacements `mean`, (B + delta) y = mean."""
+        """The cells' forces that give them the mean displacements `mean`, (B + delta) y
+        = mean.
+        """
         if self._inverse is not None:
             y = np.zeros_like(mean)
             y[self._used] = self._inverse @ mean[self._used]
@@ -134,7 +156,9 @@ def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | None:
-    """Fit (3, 3) taps to 1/S in relative terms, over the wavelengths up to two cells."""
+    """Fit (3, 3) taps to 1/S in relative terms, over the wavelengths up to two
+    cells.
+    """
     x, y = _phases(sample)
     one = np.ones(sample.shape)
     parts = [one, 2 * np.cos(y) * one]
@@ -143,18 +167,25 @@ def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | Non
     wanted = (np.hypot(x * sides[0], y * sides[1]) >= np.pi) & (sample > 0)
     columns = np.stack([part[wanted] * sample[wanted] for part in parts], axis=1)
     found = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
-    ratio, symbol = columns @ found, sum(c * part for c, part in zip(found, parts, strict=True))
+    ratio, symbol = (
+        columns @ found,
+        sum(c * part for c, part in zip(found, parts, strict=True)),
+    )
     if ratio.max() > _WORST_FIT or ratio.min() < 1 / _WORST_FIT or np.min(symbol) <= 0:
         return None
     centre, along, across, corner = (*found, 0.0, 0.0)[:4]
-    return np.array([[corner, across, corner], [along, centre, along], [corner, across, corner]])
+    return np.array(
+        [[corner, across, corner], [along, centre, along], [corner, across, corner]]
+    )
 
 
 def _box(theta: FloatArray, side: FloatArray | float) -> FloatArray:
     """The mean of exp(i theta j) over `side` neighbouring points, up to its phase."""
     sine = np.sin(theta / 2)
     zero = sine == 0
-    return np.where(zero, 1.0, np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine)))
+    return np.where(
+        zero, 1.0, np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine))
+    )
 
 
 def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
@@ -167,18 +198,24 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
     for k in [i + a * mx for a in (-1, 0, 1)] if mx < nx else [i]:
         along = _box(2 * np.pi * k / nx, nx / mx)[:, None] ** 2
         for m, box in across:
-            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * (along * box)
+            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * (
+                along * box
+            )
     out[0, 0] = 0.0
     rows = np.arange(mx)
     return np.asarray(out[np.minimum(rows, mx - rows)] * (mx * my / (nx * ny)))
 
 
-def _delta(sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]) -> FloatArray:
+def _delta(
+    sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]
+) -> FloatArray:
     """delta by the number of points, up to those of a full cell."""
     x, y = (theta.reshape(1, -1) for theta in _phases(sample))
 
     def displacement(a: FloatArray, b: FloatArray) -> FloatArray:
-        """The mean displacement of patches of a x b points under a unit force on each."""
+        """The mean displacement of patches of a x b points under a unit force on
+        each.
+        """
         along = _box(x, a[:, None]) ** 2 * weights[0]
         across = _box(y, b[:, None]) ** 2 * weights[1]
         return np.asarray(np.sum((along @ sample) * across, axis=1))

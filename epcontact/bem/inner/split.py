@@ -1,14 +1,16 @@
 """A cheap approximation of the compliance of a grid on few elastic points.
 
-The kernel is split by a Gaussian, as in Ewald's sums: the short-range part becomes a stencil of a
-few points around each elastic one, the long-range part is smooth and is applied on a grid of half
-as many points a direction, with cubic interpolation P from it and its transpose to it:
+The kernel is split by a Gaussian, as in Ewald's sums: the short-range part becomes a
+stencil of a few points around each elastic one, the long-range part is smooth and is
+applied on a grid of half as many points a direction, with cubic interpolation P from it
+and its transpose to it:
 
     S ~ stencil + P G P^T,    G = [S phi + (S (1 - phi) - sigma) sqrt(phi)] / T^2
 
-phi = exp(-(a theta)^2/4), theta the phase per grid point, sigma the symbol of the stencil and T
-that of P; the second term of G adds the part that the cut stencil lacks.  It is off by a few per
-cent, which is enough for inner iterations: the displacement of every outer iterate is exact.
+phi = exp(-(a theta)^2/4), theta the phase per grid point, sigma the symbol of the
+stencil and T that of P; the second term of G adds the part that the cut stencil lacks.
+It is off by a few per cent, which is enough for inner iterations: the displacement of
+every outer iterate is exact.
 """
 
 from __future__ import annotations
@@ -22,37 +24,50 @@ from epcontact.bem.transforms import Convolution, Points, Symbol, single_precisi
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-_WIDTH = 2.0  # a: a larger one lowers the alias of the interpolation, but the stencil grows
+_WIDTH = (
+    2.0  # a: a larger one lowers the alias of the interpolation, but the stencil grows
+)
 _SAMPLE = 128  # modes in each direction from which the stencil is computed
-# Smaller grids, and larger shares of elastic points, are faster by transforms in single precision.
-# From the second size on, where grids are not in cache, transforms are slower.
+# Smaller grids, and larger shares of elastic points, are faster by transforms in single
+# precision. From the second size on, where grids are not in cache, transforms are
+# slower.
 _FEWEST, _LARGE = 64, 1 << 20
 _MOST_ELASTIC = 0.06, 0.15
-#: Grid points that a stencil reaches to each side, points that it handles at once (a register of
-#: single precision), and columns that a masked grid repeats on its left and right.
+#: Grid points that a stencil reaches to each side, points that it handles at once (a
+#: register of single precision), and columns that a masked grid repeats on its left and
+#: right.
 REACH, RUN = 3, 16
 LEFT, RIGHT = REACH, RUN + REACH
-# Weights of the cubic through four coarse points in their middle: -FAR, NEAR, NEAR, -FAR.
+# Weights of the cubic through four coarse points in their middle: -FAR, NEAR, NEAR,
+# -FAR.
 _NEAR, _FAR = np.float32(9 / 16), np.float32(1 / 16)
-# Unsigned indices need no test for a negative one that would keep a loop from vectorising.
+# Unsigned indices need no test for a negative one that would keep a loop from
+# vectorising.
 _UINT, _RUN = np.uint64, np.uint64(RUN)
-# Compiled with what calls it: of functions of their own, kernels that are loaded would round
-# differently from those just compiled.
+# Compiled with what calls it: of functions of their own, kernels that are loaded would
+# round differently from those just compiled.
 inlined = numba.njit(inline="always")
 
 
 def split_pays(symbol: Symbol, elastic: int) -> bool:
-    """True if the split operator is faster on so many points than single precision.  The grid's
-    sides must be even, and its points about as far apart along both."""
+    """True if the split operator is faster on so many points than single precision.
+    The grid's sides must be even, and its points about as far apart along both.
+    """
     nx, ny = symbol.shape
-    fits = nx % 2 == ny % 2 == 0 and min(nx, ny) >= _FEWEST and symbol.far() == (False, False)
+    fits = (
+        nx % 2 == ny % 2 == 0
+        and min(nx, ny) >= _FEWEST
+        and symbol.far() == (False, False)
+    )
     return fits and elastic <= _MOST_ELASTIC[nx * ny >= _LARGE] * nx * ny
 
 
 class MaskedGrid:
-    """A grid in single precision that is 0 except at listed points, the same ones for ever.
-    `array` (nx, LEFT + ny + RIGHT), with the columns at its sides repeated, is in the memory of
-    `field` (nx, ny), which is in double precision, unless this is too narrow."""
+    """A grid in single precision that is 0 except at listed points, the same ones for
+    ever. `array` (nx, LEFT + ny + RIGHT), with the columns at its sides repeated, is in
+    the memory of `field` (nx, ny), which is in double precision, unless this is too
+    narrow.
+    """
 
     def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
         nx, self.columns = field.shape
@@ -71,7 +86,9 @@ class MaskedGrid:
 
 
 class SplitOperator:
-    """The counterpart of `Convolution.apply_on`; `masked` is to be set before it is applied."""
+    """The counterpart of `Convolution.apply_on`; `masked` is to be set before it is
+    applied.
+    """
 
     masked: MaskedGrid
 
@@ -91,14 +108,18 @@ class SplitOperator:
     def apply_on(
         self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray
     ) -> tuple[float, float]:
-        """out = S values at the points, approximately; returns sum(out) and sum(out other)."""
+        """out = S values at the points, approximately; returns sum(out) and sum(out
+        other).
+        """
         masked, half = self.masked.array, self._half
         self.masked.put(values)
         first = [rows.start for rows in self._rows]
         self.workers.each(restrict, masked, first, split(half, self._rows))
         self._coarse.apply(half, half)
         lists = points.split(points.index, out, other)
-        total, product = self.workers.total(gather_split, masked, half, self._taps, *lists)
+        total, product = self.workers.total(
+            gather_split, masked, half, self._taps, *lists
+        )
         return total, product
 
 
@@ -113,13 +134,18 @@ def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
     phi, at = _gaussian(x, y), np.arange(-REACH, REACH + 1)
     pairs = zip(phases, weights, strict=True)
     along, across = (weight * np.cos(np.outer(at, theta)) for theta, weight in pairs)
-    taps = along @ (sample * (1 - _gaussian(*phases))) @ across.T  # the kernel within its reach
+    taps = (
+        along @ (sample * (1 - _gaussian(*phases))) @ across.T
+    )  # the kernel within its reach
     taps[at[:, None] ** 2 + at**2 > REACH**2] = 0.0
     short = np.cos(np.outer(x, at)) @ taps @ np.cos(np.outer(at, y))
     rest = coarse * (1 - phi) - short
-    # Half of the fine points lie on coarse ones, half between four: weights (-1, 9, 9, -1)/16.
+    # Half of the fine points lie on coarse ones, half between four: weights (-1, 9, 9,
+    # -1)/16.
     along_x, along_y = (0.5 + (9 * np.cos(t) - np.cos(3 * t)) / 16 for t in (x, y))
-    coarse = (coarse * phi + rest * np.sqrt(phi)) / (4 * np.outer(along_x, along_y) ** 2)
+    coarse = (coarse * phi + rest * np.sqrt(phi)) / (
+        4 * np.outer(along_x, along_y) ** 2
+    )
     coarse[0, 0] = 0.0
     return taps, Symbol.from_quarter(np.maximum(coarse, 0.0), (nx // 2, ny // 2))
 
@@ -144,7 +170,9 @@ def put_single(masked: Any, index: Any, values: Any) -> None:
 
 @compiled
 def restrict(masked: Any, first: int, half: Any) -> None:
-    """half = P^T masked for rows from `first` on: the weights of coarse points -3 to 3 away."""
+    """half = P^T masked for rows from `first` on: the weights of coarse points -3 to 3
+    away.
+    """
     nx = masked.shape[0]
     line = np.empty(masked.shape[1], dtype=np.float32)
     for row in range(half.shape[0]):
@@ -163,8 +191,10 @@ def restrict(masked: Any, first: int, half: Any) -> None:
 def gather_split(
     fine: Any, coarse: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """out = the stencil on the fine grid plus the coarse one interpolated, at the listed points.
-    Those among RUN neighbours of a row are handled together.  Returns sum(out), sum(out other)."""
+    """out = the stencil on the fine grid plus the coarse one interpolated, at the
+    listed points. Those among RUN neighbours of a row are handled together.  Returns
+    sum(out), sum(out other).
+    """
     nx, ny = fine.shape[0], fine.shape[1] - LEFT - RIGHT
     near = np.empty(RUN, dtype=np.float32)
     total, product, k = 0.0, 0.0, 0
@@ -189,7 +219,9 @@ def gather_split(
 
 @inlined
 def add_row(near: Any, row: Any, tap: Any) -> None:
-    """Add a row of the stencil at RUN points; `row` begins REACH columns before the first."""
+    """Add a row of the stencil at RUN points; `row` begins REACH columns before the
+    first.
+    """
     c0, c1, c2, c3 = tap[3], tap[2], tap[1], tap[0]
     for t in range(_RUN):
         at = _UINT(t)

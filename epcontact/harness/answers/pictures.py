@@ -1,4 +1,5 @@
-"""The pictures of a case: the theory's curves, and what the answers of all its methods show.
+"""The pictures of a case: the theory's curves, and what the answers of all its methods
+show.
 
     power-spectrum            of the first surface, and the analytic one
     persson-magnification     areas against magnification, with the areas of the boundary elements
@@ -7,12 +8,13 @@
     residuals                 against the iterations of every method
     loads-QUANTITY            what each method found at every load of a path
     contact-METHOD            state and pressure of the first surface from above, and, as
-                              contact-METHOD-step-NUMBER, of every load whose fields are kept
+                              contact-METHOD-step-NUMBER, of every load whose fields are
+                              kept
     pressure-difference-A-B   the pressures of two methods on one grid, and their difference
     body-METHOD               the finite-element body, cut open
 
-Each is a picture (.png and, but for a body, .svg), a caption (.txt) and, of charts, data (.csv).
-The report shows them all.
+Each is a picture (.png and, but for a body, .svg), a caption (.txt) and, of charts,
+data (.csv). The report shows them all.
 """
 
 from __future__ import annotations
@@ -56,18 +58,25 @@ _OF_ANSWERS = ("residuals.*", "loads-*", "contact-*", "pressure-di*", "body-*")
 Results = Mapping[str, Sequence[ContactResult]]
 
 
-def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> list[str]:
-    """Draw the pictures of a case into a folder; return why some could not be drawn.  Raises
-    OutputError if a file cannot be read or written."""
+def write_pictures(
+    case: Case, answers: Mapping[str, Answer], folder: Path
+) -> list[str]:
+    """Draw the pictures of a case into a folder; return why some could not be drawn.
+    Raises OutputError if a file cannot be read or written.
+    """
     scene = case.scene(case.recipes[0])
-    results = {method: answer.results for method, answer in answers.items() if answer.results}
+    results = {
+        method: answer.results for method, answer in answers.items() if answer.results
+    }
     if (spectrum := _spectrum_chart(scene.surface)) is not None:
         spectrum.save(folder / "power-spectrum")
     if "persson" in results:
         theory = persson.Theory.of_scene(scene, **case.options["persson"])
         areas = theory.magnification_curve(scene.load.final)
         pressures = theory.pressure_curve(scene.load.final)
-        _magnification_chart(case, areas, results).save(folder / "persson-magnification")
+        _magnification_chart(case, areas, results).save(
+            folder / "persson-magnification"
+        )
         for name, curve in (("magnification", areas), ("pressure", pressures)):
             columns = {key: list(values) for key, values in curve.columns().items()}
             write_json(folder / f"persson-{name}.json", columns)
@@ -75,7 +84,9 @@ def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> l
 
 
 def draw_answers(results: Results, folder: Path) -> list[str]:
-    """Draw the pictures that need nothing but the answers and the fields in the folder."""
+    """Draw the pictures that need nothing but the answers and the fields in the
+    folder.
+    """
     for path in itertools.chain(*map(folder.glob, _OF_ANSWERS)):  # of an earlier run
         path.unlink()
     found = {method: each for method, each in results.items() if each}
@@ -86,18 +97,28 @@ def draw_answers(results: Results, folder: Path) -> list[str]:
 
 
 def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
-    """Draw results by method, one a surface, as charts by name, which a notebook shows."""
+    """Draw results by method, one a surface, as charts by name, which a notebook
+    shows.
+    """
     charts: dict[str, Chart] = {}
     if any(result.distribution for each in found.values() for result in each):
         about = next(iter(found.values()))[0].provenance.about
-        hardness = float(about["hardness"]["value"]) if "hardness" in about else hardness
+        hardness = (
+            float(about["hardness"]["value"]) if "hardness" in about else hardness
+        )
         theory = theory_densities(found, hardness)
         chart = pressure_distribution(found, hardness=hardness, theory=theory)
         charts["pressure-distribution"] = chart
-    # Only the longest history of each method is drawn; all of them would hide each other.
-    longest = {m: np.array(max((r.history for r in each), key=len)) for m, each in found.items()}
+    # Only the longest history of each method is drawn; all of them would hide each
+    # other.
+    longest = {
+        m: np.array(max((r.history for r in each), key=len))
+        for m, each in found.items()
+    }
     if any(np.any(np.isfinite(h) & (h > 0)) for h in longest.values()):
-        charts["residuals"] = residual_history({m: h for m, h in longest.items() if h.size})
+        charts["residuals"] = residual_history(
+            {m: h for m, h in longest.items() if h.size}
+        )
     paths = {m: load_rows(each) for m, each in found.items() if len(each[0].steps) > 1}
     return charts | (load_charts(paths) if paths else {})
 
@@ -105,15 +126,22 @@ def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
 def draw_members(
     folder: Path, loads: Mapping[str, Sequence[Row]], fields: Mapping[Path, str]
 ) -> None:
-    """Draw the contact of every member of a sweep whose fields are kept and, of the first points,
-    curves over the load, which joins points of different mean pressures."""
+    """Draw the contact of every member of a sweep whose fields are kept and, of the
+    first points, curves over the load, which joins points of different mean pressures.
+    """
     curves: dict[str, list[Row]] = {}
     for name, rows in loads.items():
-        parts = [part for part in name.split(", ") if not part.startswith("mean_pressure ")]
+        parts = [
+            part for part in name.split(", ") if not part.startswith("mean_pressure ")
+        ]
         curves.setdefault(", ".join(parts), []).extend(rows)
-    for path in itertools.chain(*map(folder.glob, ("loads-*", "contact-*"))):  # of an earlier run
+    for path in itertools.chain(
+        *map(folder.glob, ("loads-*", "contact-*"))
+    ):  # of an earlier run
         path.unlink()
-    for name, chart in load_charts(dict(itertools.islice(curves.items(), _MOST_CURVES))).items():
+    for name, chart in load_charts(
+        dict(itertools.islice(curves.items(), _MOST_CURVES))
+    ).items():
         chart.save(folder / name)
     for path, words in fields.items():
         if path.is_file():
@@ -125,12 +153,13 @@ def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
     """Draw what `epcontact run --charts` draws; a notebook shows each chart.
 
     Args:
-        scene, results: a scene and the answers to it; other surfaces' make curves with intervals.
+        scene, results: a scene and the answers to it; other surfaces' make curves with
+            intervals.
 
     Returns:
-        Charts by name: "power-spectrum", "pressure-distribution", "residuals", "loads-areas" and
-        others of a path, and a map "contact-METHOD" of each first result with fields.  `save`
-        writes one to files.
+        Charts by name: "power-spectrum", "pressure-distribution", "residuals",
+        "loads-areas" and others of a path, and a map "contact-METHOD" of each first
+        result with fields.  `save` writes one to files.
 
     Example:
         >>> from epcontact import Load, Material, Surface, bem
@@ -154,29 +183,46 @@ def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
 
 
 def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
-    """Draw the contact of each method's first surface, and the differences on a common grid."""
+    """Draw the contact of each method's first surface, and the differences on a common
+    grid.
+    """
     fields = {}
     for method in methods:
-        for path in [*folder.glob(f"{method}.vti"), *sorted(folder.glob(f"{method}-*.vti"))][:1]:
+        for path in [
+            *folder.glob(f"{method}.vti"),
+            *sorted(folder.glob(f"{method}-*.vti")),
+        ][:1]:
             fields[method] = read_fields(path)
             caption = f"Contact state and pressure by {method}, {path.name}."
             map_of_file(path, caption).save(folder / f"contact-{method}")
             for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
                 load = f"mean pressure {read_fields(step).attributes['mean_pressure']:.4g} Pa"
-                chart = map_of_file(step, f"Contact state and pressure by {method}, {load}.")
+                chart = map_of_file(
+                    step, f"Contact state and pressure by {method}, {load}."
+                )
                 chart.save(folder / f"contact-{method}-{step.stem}")
     for names in itertools.combinations(sorted(fields), 2):
         one, two = (fields[name] for name in names)
-        if len(one.shape) == 2 and one.shape == two.shape and one.spacing == two.spacing:
+        if (
+            len(one.shape) == 2
+            and one.shape == two.shape
+            and one.spacing == two.spacing
+        ):
             pressures = one.field("pressure"), two.field("pressure")
             chart = pressure_difference(*pressures, one.spacing, names=names)
             chart.save(folder / f"pressure-difference-{'-'.join(names)}")
 
 
 def _draw_body(folder: Path, method: str) -> str:
-    """Draw a method's body, cut open, if there is one; return why it could not be drawn, or ""."""
-    collections = sorted([*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")])
-    body = next((each for each in collections if load_steps(each)[0].suffix == ".vtu"), None)
+    """Draw a method's body, cut open, if there is one; return why it could not be
+    drawn, or "".
+    """
+    collections = sorted(
+        [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
+    )
+    body = next(
+        (each for each in collections if load_steps(each)[0].suffix == ".vtu"), None
+    )
     target = folder / f"body-{method}.png"
     if body is not None:
         try:
@@ -189,9 +235,10 @@ def _draw_body(folder: Path, method: str) -> str:
 
 
 def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
-    """The theory's densities by formula, for the chart of all methods' pressures.  If the hardness
-    (Pa) is finite, the density without hardness is added, at the same diffusion.  None if the
-    theory has no result or the surface has no roughness."""
+    """The theory's densities by formula, for the chart of all methods' pressures.  If
+    the hardness (Pa) is finite, the density without hardness is added, at the same
+    diffusion.  None if the theory has no result or the surface has no roughness.
+    """
     found = results.get("persson", ())
     diffusion = found[0].final.quantities.get("diffusion", 0.0) if found else 0.0
     if not diffusion > 0:
@@ -215,8 +262,10 @@ def _tables(series: Mapping[str, tuple[Any, Any]], *columns: str) -> pd.DataFram
 
 
 def _spectrum_chart(surface: Surface) -> Chart | None:
-    """Figure 2 of the paper: the spectrum of the surface and the one that it was drawn from; there
-    is none of a few waves, such as a sinusoid, because a few dots show no spectrum."""
+    """Figure 2 of the paper: the spectrum of the surface and the one that it was drawn
+    from; there is none of a few waves, such as a sinusoid, because a few dots show no
+    spectrum.
+    """
     spectrum = radial_spectrum(surface)
     shown = spectrum.density > 1e-12 * spectrum.density.max()
     if np.count_nonzero(shown) < _FEWEST_RINGS:
@@ -226,7 +275,8 @@ def _spectrum_chart(surface: Surface) -> Chart | None:
     if analytic is not None:
         waves = np.geomspace(analytic.wavenumber_low, analytic.wavenumber_high, 300)
         series["analytic"] = waves, density(analytic, waves, dimension)
-    # The density of a line is the one-dimensional C1 in m^3, that of a surface C in m^4.
+    # The density of a line is the one-dimensional C1 in m^3, that of a surface C in
+    # m^4.
     name, power = ("C_1", 3) if dimension == 1 else ("C", 4)
     q, column = "wavenumber_rad_per_m", f"density_m{power}"
     plot = Plot(
@@ -239,8 +289,12 @@ def _spectrum_chart(surface: Surface) -> Chart | None:
     return draw_table(table, plot, "Power spectrum of the surface roughness.")
 
 
-def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results: Results) -> Chart:
-    """Figure 4 of the paper: the theory's areas, and the mean ones of the boundary elements."""
+def _magnification_chart(
+    case: Case, areas: persson.MagnificationCurve, results: Results
+) -> Chart:
+    """Figure 4 of the paper: the theory's areas, and the mean ones of the boundary
+    elements.
+    """
     steps = [result.final for result in results.get("bem", ())]
     # A user's solver that replaces bem need not have corrected areas.
     corrected = [step.areas["corrected"] for step in steps if "corrected" in step.areas]
@@ -253,8 +307,8 @@ def _magnification_chart(case: Case, areas: persson.MagnificationCurve, results:
         mean = float(np.mean([getattr(found, part) for found in corrected] or [0.0]))
         points.append(pd.DataFrame([point | {y: mean}]))
     table = pd.concat([each for each in (*curves, *points) if (each[y] > 0).any()])
-    # Areas vanish exponentially at low magnification and would squeeze everything else, so the
-    # axis ends three decades below the largest area.
+    # Areas vanish exponentially at low magnification and would squeeze everything else,
+    # so the axis ends three decades below the largest area.
     known = table[y][table[y] > 0]
     limits = (max(0.7 * known.min(), 1e-3 * known.max()), 1.5 * known.max())
     plot = Plot(

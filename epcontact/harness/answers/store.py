@@ -1,10 +1,10 @@
 """Tasks and their results on disk: one file for each result, found again by its key.
 
-`<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key (scene, size,
-options, and the sources and libraries of all solvers), a digest of this content, and the hash of
-the fields written with it.  A task of the same key is not run again if the content has that digest
-and the fields it asks for have that hash.  A solver from outside the package always runs, because
-its sources are not known here.
+`<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key
+(scene, size, options, and the sources and libraries of all solvers), a digest of this
+content, and the hash of the fields written with it.  A task of the same key is not run
+again if the content has that digest and the fields it asks for have that hash.  A
+solver from outside the package always runs, because its sources are not known here.
 """
 
 from __future__ import annotations
@@ -49,7 +49,9 @@ class Task:
     member: int  # index of the recipe in the case
     label: str  # the name of the surface in files
     fields: Path | None = None  # file for the fields; None if they are not kept
-    steps: Path | None = None  # folder for the files of every load; None if they are not kept
+    steps: Path | None = (
+        None  # folder for the files of every load; None if they are not kept
+    )
     quantities: tuple[str, ...] = ()  # what is measured beside the quantities of gates
     words: str = ""  # what a reader calls it; the label where it is empty
     precision: Precision = "single"  # of the numbers in the files of fields, at least
@@ -82,7 +84,9 @@ class Task:
         )
 
     def fields_path(self, output: Path) -> Path:
-        """Return the file for its fields: `<method>[-<surface>].vti` in the case's folder."""
+        """Return the file for its fields: `<method>[-<surface>].vti` in the case's
+        folder.
+        """
         name = self.method.name + ("" if self.label == "single" else f"-{self.label}")
         return self.case.folder(output) / f"{name}.vti"
 
@@ -93,12 +97,18 @@ class Task:
 
     def result_path(self, output: Path) -> Path:
         """Return the file for its result."""
-        return self.case.folder(output) / "members" / f"{self.method.name}-{self.label}.json"
+        return (
+            self.case.folder(output)
+            / "members"
+            / f"{self.method.name}-{self.label}.json"
+        )
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a method to a case: one result a surface, and sentences on failures."""
+    """The answer of a method to a case: one result a surface, and sentences on
+    failures.
+    """
 
     results: tuple[ContactResult, ...] = ()
     labels: tuple[str, ...] = ()
@@ -107,10 +117,12 @@ class Answer:
 
     @property
     def twins(self) -> tuple[str, str] | None:
-        """The labels of two surfaces with the same answer, which no ensemble may have.  Two
-        different surfaces may have the same areas and energies, but not all figures of their single
-        points: answers without a largest pressure are not compared.  Solutions of one surface,
-        wherever it is on the grid, agree to the tolerance of their solver."""
+        """The labels of two surfaces with the same answer, which no ensemble may have.
+        Two different surfaces may have the same areas and energies, but not all figures
+        of their single points: answers without a largest pressure are not compared.
+        Solutions of one surface, wherever it is on the grid, agree to the tolerance of
+        their solver.
+        """
         found = [result.final.quantities for result in self.results]
         for i, j in itertools.combinations(range(len(found)), 2):
             a, b = found[i], found[j]
@@ -120,8 +132,9 @@ class Answer:
         return None
 
 
-#: Rooms that show results or ask for them, and what makes numbers within them: an edit of the rest
-#: of these rooms keeps what is solved, one of any other source of the packages does not.
+#: Rooms that show results or ask for them, and what makes numbers within them: an edit
+#: of the rest of these rooms keeps what is solved, one of any other source of the
+#: packages does not.
 _SHOWS = {"cli", "planning", "studies", "output", "harness"}
 _MAKES = (
     *("output/vtk.py", "harness/methods", "harness/quantities", "harness/interface.py"),
@@ -135,14 +148,18 @@ def sources(home: Path = Path(__file__).parents[2]) -> str:
     """Return the digest of the sources on which every result rests."""
     rooms = {path for path in home.iterdir() if path.name not in _SHOWS}
     digest = hashlib.sha256()
-    for path in sorted({*rooms, home.parent / "fem_check", *(home / name for name in _MAKES)}):
+    for path in sorted(
+        {*rooms, home.parent / "fem_check", *(home / name for name in _MAKES)}
+    ):
         for file in [path] if path.suffix == ".py" else sorted(path.rglob("*.py")):
             digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()
 
 
 def basis() -> dict[str, str]:
-    """Return what results rest on by name: sources, and the versions of numerical libraries."""
+    """Return what results rest on by name: sources, and the versions of numerical
+    libraries.
+    """
     versions = package_versions()
     return {"sources": sources()} | {name: versions[name] for name in _LIBRARIES}
 
@@ -161,10 +178,18 @@ def key_of(task: Task) -> str:
 
 
 def keep(task: Task, output: Path, result: ContactResult) -> None:
-    """Write the result of a task.  Raises OutputError.  Fields of an earlier, different result are
-    removed, because they would pass for this one's."""
-    about: dict[str, Any] = {"case": task.case.id, "size": task.case.size, "key": key_of(task)}
-    about |= {"fields_digest": _digest(task.fields), "steps_kept": task.steps is not None}
+    """Write the result of a task.  Raises OutputError.  Fields of an earlier, different
+    result are removed, because they would pass for this one's.
+    """
+    about: dict[str, Any] = {
+        "case": task.case.id,
+        "size": task.case.size,
+        "key": key_of(task),
+    }
+    about |= {
+        "fields_digest": _digest(task.fields),
+        "steps_kept": task.steps is not None,
+    }
     about |= {"precision": task.precision, "measured": task.measured, "rows": task.rows}
     earlier = read_member(task.result_path(output))
     same = earlier.get("key") == about["key"]
@@ -182,15 +207,25 @@ def keep(task: Task, output: Path, result: ContactResult) -> None:
 
 
 def kept(task: Task, output: Path) -> ContactResult | None:
-    """Return the result of an earlier run of the same task, if it is there as it was written."""
+    """Return the result of an earlier run of the same task, if it is there as it was
+    written.
+    """
     data = {} if task.method.foreign else read_member(task.result_path(output))
     precise = data.get("precision") in (task.precision, "double")
-    written = data.get("steps_kept") is True and (task.steps_path(output) / "path.pvd").is_file()
-    asked = set(task.measured) <= set(data.get("measured", ())) and task.rows <= data.get("rows", 0)
+    written = (
+        data.get("steps_kept") is True
+        and (task.steps_path(output) / "path.pvd").is_file()
+    )
+    asked = set(task.measured) <= set(
+        data.get("measured", ())
+    ) and task.rows <= data.get("rows", 0)
     if (
         data.get("key") != key_of(task)
         or not asked
-        or (task.fields and not (precise and data.get("fields_digest") == _digest(task.fields)))
+        or (
+            task.fields
+            and not (precise and data.get("fields_digest") == _digest(task.fields))
+        )
         or (task.steps and not written)
     ):
         return None
@@ -201,7 +236,9 @@ def kept(task: Task, output: Path) -> ContactResult | None:
 
 
 def read_member(path: Path) -> dict[str, Any]:
-    """Read the file that `keep` wrote for a task; empty if there is none, or another content."""
+    """Read the file that `keep` wrote for a task; empty if there is none, or another
+    content.
+    """
     try:
         data = json.loads(path.read_bytes())
         written = data.pop("digest")
@@ -215,7 +252,9 @@ def _content_digest(data: dict[str, Any]) -> str:
 
 
 def _digest(fields: Path | None) -> str | None:
-    """Return the SHA-256 of a file of fields; empty if it is absent, None without a path."""
+    """Return the SHA-256 of a file of fields; empty if it is absent, None without a
+    path.
+    """
     if fields is None:
         return None
     try:
@@ -226,12 +265,17 @@ def _digest(fields: Path | None) -> str | None:
 
 
 def summary(case: Case, answer: Answer) -> dict[str, Any]:
-    """Return a method's answer as JSON: means over surfaces, their scatter, every member."""
+    """Return a method's answer as JSON: means over surfaces, their scatter, every
+    member.
+    """
     members = [result.to_json() for result in answer.results]
     finals, costs = [r.final for r in answer.results], [r.cost for r in answer.results]
     parts = ("total", "elastic", "plastic")
     ensemble = {
-        kind: {part: _spread([getattr(f.areas[kind], part) for f in finals]) for part in parts}
+        kind: {
+            part: _spread([getattr(f.areas[kind], part) for f in finals])
+            for part in parts
+        }
         for kind in finals[0].areas
     }
     return {
@@ -240,16 +284,20 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
         "size": case.size,
         "converged": all(r.converged for r in answer.results),
         "residuals": {
-            key: max(final.residuals[key] for final in finals) for key in finals[0].residuals
+            key: max(final.residuals[key] for final in finals)
+            for key in finals[0].residuals
         },
         "areas": {
-            kind: {part: ensemble[kind][part]["mean"] for part in parts} for kind in ensemble
+            kind: {part: ensemble[kind][part]["mean"] for part in parts}
+            for kind in ensemble
         },
         "ensemble": {"surfaces": list(answer.labels), "areas": ensemble},
         "mean_pressure": finals[0].mean_pressure,
         "loads": load_rows(answer.results),
         "cost": {
-            key: (max if key == "peak_memory_bytes" else sum)(cost[key] for cost in costs)
+            key: (max if key == "peak_memory_bytes" else sum)(
+                cost[key] for cost in costs
+            )
             for key in costs[0]
         },
         "provenance": members[0]["provenance"],
@@ -257,22 +305,38 @@ def summary(case: Case, answer: Answer) -> dict[str, Any]:
     }
 
 
-def load_rows(results: Sequence[ContactResult], more: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """Return a row a load: its branch, and means, errors at 95 % and their parts by sources,
-    None where none is known."""
+def load_rows(
+    results: Sequence[ContactResult], more: Sequence[str] = ()
+) -> list[dict[str, Any]]:
+    """Return a row a load: its branch, and means, errors at 95 % and their parts by
+    sources, None where none is known.
+    """
     rows, j2 = [], results[0].provenance.options.get("law") == "j2"
-    for branch, *steps in zip(results[0].branches, *(r.steps for r in results), strict=True):
-        each = [{n: step.quantities.get(n, math.nan) for n in more} | step.row for step in steps]
+    for branch, *steps in zip(
+        results[0].branches, *(r.steps for r in results), strict=True
+    ):
+        each = [
+            {n: step.quantities.get(n, math.nan) for n in more} | step.row
+            for step in steps
+        ]
         if j2 and branch != "loading":
-            each = [{n.replace("plastic", "flowed"): v for n, v in one.items()} for one in each]
+            each = [
+                {n.replace("plastic", "flowed"): v for n, v in one.items()}
+                for one in each
+            ]
         row: dict[str, Any] = {"branch": branch}
         for name in (*COLUMNS, *more):
             found = estimate([one.get(name, math.nan) for one in each])
             start = f"{name}_error_by_"
             known = [source for source in each[0] if source.startswith(start)]
-            parts = {s.removeprefix(start): fmean(one.get(s, 0.0) for one in each) for s in known}
+            parts = {
+                s.removeprefix(start): fmean(one.get(s, 0.0) for one in each)
+                for s in known
+            }
             parts |= {"scatter": found.half_width} if found.half_width else {}
-            if not math.isnan(found.mean):  # a figure without a known error is not exact
+            if not math.isnan(
+                found.mean
+            ):  # a figure without a known error is not exact
                 exact = name in ("mean_pressure", "hardness")
                 error = math.hypot(*parts.values()) if parts or exact else None
                 row[name] = {"mean": found.mean, "error": error, "parts": parts}
@@ -289,7 +353,8 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
     }
 
 
-# --- a scene in words and figures ----------------------------------------------------------------
+# --- a scene in words and figures
+# ----------------------------------------------------------------
 
 _BODIES = {
     "half_space": "half-space",
@@ -298,16 +363,24 @@ _BODIES = {
 }
 
 
-def described(scene: Scene, recipe: Recipe, hardness_source: str) -> dict[str, dict[str, Any]]:
-    """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.  A result
-    carries them in its provenance, so that its JSON, .vti and report need no case.  Values are
-    numbers, lists of numbers or words, the units "" for words and "–" for numbers without one.
-    What the scene does not have, such as a hardness, is left out or infinite."""
+def described(
+    scene: Scene, recipe: Recipe, hardness_source: str
+) -> dict[str, dict[str, Any]]:
+    """Return the figures of a scene by name, each with `value`, `unit` and `meaning`.
+    A result carries them in its provenance, so that its JSON, .vti and report need no
+    case.  Values are numbers, lists of numbers or words, the units "" for words and "–"
+    for numbers without one. What the scene does not have, such as a hardness, is left
+    out or infinite.
+    """
     surface, material = scene.surface, scene.material
     modulus, body = effective_modulus(material), _BODIES[scene.body.kind]
     if scene.body.kind != "half_space":
         body += f", {scene.body.depth:g} m deep"
-    how = "from differences of neighbours" if surface.spectrum is None else "of the spectrum"
+    how = (
+        "from differences of neighbours"
+        if surface.spectrum is None
+        else "of the spectrum"
+    )
     slope = (surface.spectrum or surface).rms_slope
     rows: list[tuple[str, Any, str, str]] = [
         ("surface", _surface_in_words(surface, recipe), "", "surface"),
@@ -319,20 +392,51 @@ def described(scene: Scene, recipe: Recipe, hardness_source: str) -> dict[str, d
         ("young_modulus", material.young_modulus, "Pa", "Young's modulus E"),
         ("poisson_ratio", material.poisson_ratio, "–", "Poisson's ratio ν"),
         ("effective_modulus", modulus, "Pa", "effective modulus E* = E / (1 − ν²)"),
-        ("hardness", material.hardness, "Pa", "hardness σ_P, the largest contact pressure"),
-        ("yield_stress", material.yield_stress, "Pa", "yield stress σ_Y of the J2 solid"),
+        (
+            "hardness",
+            material.hardness,
+            "Pa",
+            "hardness σ_P, the largest contact pressure",
+        ),
+        (
+            "yield_stress",
+            material.yield_stress,
+            "Pa",
+            "yield stress σ_Y of the J2 solid",
+        ),
         ("body", body, "", "body"),
-        ("load_path", list(scene.load.path), "Pa", "mean pressure p₀ (force / nominal area)"),
+        (
+            "load_path",
+            list(scene.load.path),
+            "Pa",
+            "mean pressure p₀ (force / nominal area)",
+        ),
     ]
     if surface.shortest_wavelength is not None:
         resolved = surface.shortest_wavelength / max(surface.spacing)
-        rows.insert(4, ("resolution", resolved, "–", "grid points per shortest wavelength"))
+        rows.insert(
+            4, ("resolution", resolved, "–", "grid points per shortest wavelength")
+        )
     if slope > 0:
-        rows.append(("load_group", scene.load.final / (modulus * slope), "–", "p₀ / (E* ξ)"))
-        rows.append(("hardness_group", material.hardness / (modulus * slope), "–", "σ_P / (E* ξ)"))
+        rows.append(
+            ("load_group", scene.load.final / (modulus * slope), "–", "p₀ / (E* ξ)")
+        )
+        rows.append(
+            (
+                "hardness_group",
+                material.hardness / (modulus * slope),
+                "–",
+                "σ_P / (E* ξ)",
+            )
+        )
     if hardness_source:
-        rows.append(("hardness_source", hardness_source, "", "where the hardness comes from"))
-    return {name: dict(zip(("value", "unit", "meaning"), row, strict=True)) for name, *row in rows}
+        rows.append(
+            ("hardness_source", hardness_source, "", "where the hardness comes from")
+        )
+    return {
+        name: dict(zip(("value", "unit", "meaning"), row, strict=True))
+        for name, *row in rows
+    }
 
 
 def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
@@ -350,10 +454,16 @@ def _surface_in_words(surface: Surface, recipe: Recipe) -> str:
 
 
 def _parameters(recipe: Any) -> Iterator[str]:
-    """Yield the parameters of a recipe as "radius 0.01 m", with the units of its annotations."""
+    """Yield the parameters of a recipe as "radius 0.01 m", with the units of its
+    annotations.
+    """
     for name in (field.name for field in fields(recipe)):
         value = getattr(recipe, name)
-        if name in ("kind", "periods", "shape", "heights") or value in (None, (), False):
+        if name in ("kind", "periods", "shape", "heights") or value in (
+            None,
+            (),
+            False,
+        ):
             continue
         shown = f"{value:g}" if isinstance(value, float) else str(value)
         yield f"{name.replace('_', ' ')} {shown} {unit_of(recipe, name)}".rstrip()

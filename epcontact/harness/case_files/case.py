@@ -1,7 +1,9 @@
-"""Case files are read and checked; all mistakes of a file are told, each in one sentence.
+"""Case files are read and checked; all mistakes of a file are told, each in one
+sentence.
 
-Mistakes that pydantic finds in a table hide those between the tables, which it could not read.
-A case is read at every size, so that a mistake in its full size shows when the fast one is run.
+Mistakes that pydantic finds in a table hide those between the tables, which it could
+not read. A case is read at every size, so that a mistake in its full size shows when
+the fast one is run.
 """
 
 from __future__ import annotations
@@ -31,19 +33,33 @@ from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.scene import check_load, check_loading
 from epcontact.surfaces import SurfaceAbsent
 
-__all__ = ["SIZES", "Case", "CaseText", "find_case", "find_cases", "find_named", "load_case"]
+__all__ = [
+    "SIZES",
+    "Case",
+    "CaseText",
+    "find_case",
+    "find_cases",
+    "find_named",
+    "load_case",
+]
 
 
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
-    """Read a case at one size, and check it at all of them; one sentence tells each mistake."""
+    """Read a case at one size, and check it at all of them; one sentence tells each
+    mistake.
+    """
     text = case if isinstance(case, CaseText) else find_case(case)
     if size not in text.sizes:
-        raise InvalidCase(f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}")
+        raise InvalidCase(
+            f"{text.where}: has no size {size!r}; it has {', '.join(text.sizes)}"
+        )
     return {each: _read(text, each) for each in text.sizes}[size]
 
 
 def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Case]:
-    """Read cases that are not loaded yet; a mistake that variants share is told of the first."""
+    """Read cases that are not loaded yet; a mistake that variants share is told of the
+    first.
+    """
     cases: list[Case] = []
     sentences: dict[tuple[Path, str], str] = {}
     for text in texts:
@@ -62,8 +78,12 @@ def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Cas
 
 
 def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
-    """Return the case at a point of its sweep (values by their keys), which no gate judges."""
-    tables = {k: v for k, v in text.tables.items() if k not in ("gate", "omit", "sweep")}
+    """Return the case at a point of its sweep (values by their keys), which no gate
+    judges.
+    """
+    tables = {
+        k: v for k, v in text.tables.items() if k not in ("gate", "omit", "sweep")
+    }
     for key, value in point.items():
         section, _, name = key.partition(".")
         tables[section] = {**tables.get(section, {}), name: value}
@@ -73,10 +93,14 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
         values = ", ".join(f"{key} = {value!r:.40}" for key, value in point.items())
         at = f"(at the point {values} of its sweep)"
         raise InvalidCase(*(f"{sentence} {at}" for sentence in error.args)) from None
-    unread = {m.table for m in METHODS.values()} - {METHODS[name].table for name in case.methods}
+    unread = {m.table for m in METHODS.values()} - {
+        METHODS[name].table for name in case.methods
+    }
     for key in point:
         if key.partition(".")[0] in unread:
-            raise InvalidCase(f"{text.where}: [sweep] no method of the case reads {key}")
+            raise InvalidCase(
+                f"{text.where}: [sweep] no method of the case reads {key}"
+            )
     return case
 
 
@@ -84,18 +108,25 @@ def _read(text: CaseText, size: str, *, judged: bool = True) -> Case:
     context = {"path": text.path, "folder": text.path.parent, "size": size}
     try:
         case = Case.model_validate(at_size(text.tables, size), context=context)
-        mistakes = [*_mistakes(case, text), *(_gate_mistakes(case, text.sizes) if judged else ())]
+        mistakes = [
+            *_mistakes(case, text),
+            *(_gate_mistakes(case, text.sizes) if judged else ()),
+        ]
         if not mistakes:
             return case
     except ValidationError as error:
         mistakes = told(error)
-    except EpcontactError as error:  # a grid too large for memory; pydantic wraps only ValueErrors
+    except (
+        EpcontactError
+    ) as error:  # a grid too large for memory; pydantic wraps only ValueErrors
         mistakes = [str(error)]
     raise InvalidCase(*(f"{text.where}: {sentence}" for sentence in mistakes))
 
 
 def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
-    """Yield a sentence for each mistake between the tables of a case, its gates apart."""
+    """Yield a sentence for each mistake between the tables of a case, its gates
+    apart.
+    """
     if case.id != text.id:
         yield f"case.id is {case.id!r}, but must be the file's name, {text.id!r}"
     for name in case.methods:
@@ -147,8 +178,9 @@ def _counterface_mistakes(case: Case) -> Iterator[str]:
 
 
 def _strength_mistakes(case: Case) -> Iterator[str]:
-    """Yield a sentence for a law without the stress at which it flows: a metal with a yield stress
-    alone would be elastic to all methods but J2 flow, unseen."""
+    """Yield a sentence for a law without the stress at which it flows: a metal with a
+    yield stress alone would be elastic to all methods but J2 flow, unseen.
+    """
     law = case.fem.law if "fem" in case.methods else ""
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
     if needed and getattr(case.solid, needed) == math.inf:
@@ -171,14 +203,20 @@ def _strength_mistakes(case: Case) -> Iterator[str]:
 
 
 def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
-    """Yield a sentence for each gate that the case cannot answer, and for each wrong [[omit]]."""
+    """Yield a sentence for each gate that the case cannot answer, and for each wrong
+    [[omit]].
+    """
     for number, gate in enumerate(case.gate, start=1):
         for wrong in _unanswerable(gate, case, sizes):
             yield f"gate {number}: {wrong}"
-    own = Counter(g.gate.name for g in case.gate if g.sizes is None or case.size in g.sizes)
+    own = Counter(
+        g.gate.name for g in case.gate if g.sizes is None or case.size in g.sizes
+    )
     if case.gate and not own:
         yield f"no gate applies to size {case.size!r}, which the case offers"
-    yield from (f"there are {n} gates {name}; keep one" for name, n in own.items() if n > 1)
+    yield from (
+        f"there are {n} gates {name}; keep one" for name, n in own.items() if n > 1
+    )
     for omitted in case.omit:
         known = [gate.quantity for gate in default_gates() if gate.of == omitted.of]
         if omitted.quantity not in known:
@@ -215,7 +253,9 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
 
 
 def _has_model(gate: GateTable, case: Case) -> bool:
-    """Return whether a case can answer a gate on a model measure: J2 flow against a cap."""
+    """Return whether a case can answer a gate on a model measure: J2 flow against a
+    cap.
+    """
     sides = {gate.of, gate.against} if isinstance(gate.against, str) else {gate.of}
     return (
         all(name in METHODS and METHODS[name].has_model_measures for name in sides)

@@ -1,4 +1,6 @@
-"""The papers behind methods, closed forms and gates, and the software, that a result rests on."""
+"""The papers behind methods, closed forms and gates, and the software, that a result
+rests on.
+"""
 
 from __future__ import annotations
 
@@ -32,25 +34,42 @@ PAPERS = [Paper(**paper) for paper in _DATA["paper"]]
 
 
 def sources_of(case: Case) -> list[str]:
-    """Return the sources that a case, its gates and their closed forms name, each once."""
-    forms = [CLOSED_FORMS[str(g.against)] for g in case.gates if str(g.against) in CLOSED_FORMS]
-    named = [case.head.source, *(g.source for g in case.gates), *(form.source for form in forms)]
+    """Return the sources that a case, its gates and their closed forms name, each
+    once.
+    """
+    forms = [
+        CLOSED_FORMS[str(g.against)]
+        for g in case.gates
+        if str(g.against) in CLOSED_FORMS
+    ]
+    named = [
+        case.head.source,
+        *(g.source for g in case.gates),
+        *(form.source for form in forms),
+    ]
     return list(dict.fromkeys(source for source in named if source))
 
 
 def papers_of(case: Case) -> list[Paper]:
-    """Return the papers of a case's methods, and those that its sources or options mention."""
-    values = [str(value) for options in case.options.values() for value in options.values()]
+    """Return the papers of a case's methods, and those that its sources or options
+    mention.
+    """
+    values = [
+        str(value) for options in case.options.values() for value in options.values()
+    ]
     text = "\n".join([*sources_of(case), *values])
     return [
         paper
         for paper in PAPERS
-        if set(paper.methods) & set(case.methods) or any(words in text for words in paper.mentions)
+        if set(paper.methods) & set(case.methods)
+        or any(words in text for words in paper.mentions)
     ]
 
 
 def citation(case: Case) -> Iterator[str]:
-    """Yield the lines that tell what a case's results rest on: sources, papers and software."""
+    """Yield the lines that tell what a case's results rest on: sources, papers and
+    software.
+    """
     yield f"{case.id}: {case.head.requirement}"
     yield "\nSources that the case names:"
     yield from (f"  {source}" for source in sources_of(case))

@@ -33,7 +33,13 @@ from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
 from epcontact.harness.case_files.axes import SweepTable, key
 from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Kind, Norm
-from epcontact.harness.methods.registry import METHODS, BemTable, FemTable, Table, TheoryTable
+from epcontact.harness.methods.registry import (
+    METHODS,
+    BemTable,
+    FemTable,
+    Table,
+    TheoryTable,
+)
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
 from epcontact.materials.moduli import of_both
@@ -69,8 +75,9 @@ class CaseTable(Table):
 
     id: str = key(
         "name of the case, of its folder of results and on the command line",
-        pattern=r"^[a-z0-9][a-z0-9._-]*$", max_length=80,
-    )  # fmt: skip
+        pattern=r"^[a-z0-9][a-z0-9._-]*$",
+        max_length=80,
+    )
     requirement: str = key("the requirement, one English sentence", min_length=1)
     source: str = key("the source of the requirement and its figures", min_length=1)
     methods: Annotated[list[MethodName], AfterValidator(_each_once)] = key(
@@ -108,20 +115,31 @@ class MaterialTable(Table):
     @field_validator("young_modulus", "poisson_ratio", "hardness", "yield_stress")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        if value != "effective":  # each key by itself, so that the mistakes of all are told
-            Material(**{"young_modulus": 1.0, "poisson_ratio": 0.0, str(info.field_name): value})
+        if (
+            value != "effective"
+        ):  # each key by itself, so that the mistakes of all are told
+            Material(
+                **{
+                    "young_modulus": 1.0,
+                    "poisson_ratio": 0.0,
+                    str(info.field_name): value,
+                }
+            )
         return value
 
 
 class CounterfaceTable(Table):
-    """[counterface]: an elastic half-space, in the place of the rigid flat; [material] flows."""
+    """[counterface]: an elastic half-space, in the place of the rigid flat; [material]
+    flows.
+    """
 
     model_config = ConfigDict(strict=False)  # as that of Case
 
     young_modulus: Real = key("Pa")
     poisson_ratio: Real = key("between -1 and 0.5")
     surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind")] | None = key(
-        "a second rough surface, with the keys of [surface] and heights out of its own body", None
+        "a second rough surface, with the keys of [surface] and heights out of its own body",
+        None,
     )
 
 
@@ -149,19 +167,28 @@ class GateTable(Table):
     of: MethodName = key("the method that is judged")
     against: str | Finite = key("a method, a closed form's name, or a number")
     norm: Norm = key("how the difference is measured", "relative")
-    tolerance: Finite | None = key("the difference must be within +- tolerance", None, gt=0)
+    tolerance: Finite | None = key(
+        "the difference must be within +- tolerance", None, gt=0
+    )
     between: list[float] | None = key(
         "or the difference must be within [low, high]", None, min_length=2, max_length=2
     )
     because: str = key("why the band is as wide as it is", min_length=1)
     source: str = key("where a number comes from; needed for one", "")
-    kind: Kind | None = key("what a number is; else 0 is an identity, others are our own", None)
-    sizes: list[Size] | None = key("the sizes it applies to; else all", None, min_length=1)
+    kind: Kind | None = key(
+        "what a number is; else 0 is an identity, others are our own", None
+    )
+    sizes: list[Size] | None = key(
+        "the sizes it applies to; else all", None, min_length=1
+    )
 
     @property
     def gate(self) -> Gate:
         """The gate with its band."""
-        low, high = self.between or (-float(self.tolerance or 0), float(self.tolerance or 0))
+        low, high = self.between or (
+            -float(self.tolerance or 0),
+            float(self.tolerance or 0),
+        )
         named = (self.quantity, self.of, self.against, self.norm)
         return Gate(*named, low, high, self.because, self.source, self.kind or "")
 
@@ -172,7 +199,9 @@ class GateTable(Table):
         return self
 
     def _mistakes(self) -> Iterator[str]:
-        """Yield why the gate contradicts itself, cannot fail or hold, or has an unknown name."""
+        """Yield why the gate contradicts itself, cannot fail or hold, or has an unknown
+        name.
+        """
         low, high = self.between or (0.0, 0.0)
         against, quantity = self.against, self.quantity
         if (self.tolerance is None) == (self.between is None):
@@ -214,18 +243,24 @@ class OmitTable(Table):
 
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
-    """Return the gates of `default_gates.toml`, which every case of a method must hold."""
+    """Return the gates of `default_gates.toml`, which every case of a method must
+    hold.
+    """
     text = (files(__package__) / "default_gates.toml").read_text("utf-8")
     return tuple(GateTable.model_validate(gate) for gate in tomllib.loads(text)["gate"])
 
 
 def _or_absent(table: Any, validate: Any) -> Any:
-    """Return the recipe of a table [surface], or the error of an absent optional file."""
+    """Return the recipe of a table [surface], or the error of an absent optional
+    file.
+    """
     try:
         return validate(table)
     except ValidationError as error:
         reasons = (detail.get("ctx", {}).get("error") for detail in error.errors())
-        absent = next((r for r in reasons if isinstance(r, surfaces.SurfaceAbsent)), None)
+        absent = next(
+            (r for r in reasons if isinstance(r, surfaces.SurfaceAbsent)), None
+        )
         if absent is None:
             raise
         return absent
@@ -234,12 +269,14 @@ def _or_absent(table: Any, validate: Any) -> Any:
 def _part(kind: type[Any], table: type[Table]) -> PlainValidator:
     """Return the validator that makes a part of the scene from its table."""
     return PlainValidator(
-        lambda given: kind(**table.model_validate(given).model_dump()), json_schema_input_type=table
+        lambda given: kind(**table.model_validate(given).model_dump()),
+        json_schema_input_type=table,
     )
 
 
 class Case(Table):
-    """One case at one size: its tables, and the scenes, options and gates that follow from them.
+    """One case at one size: its tables, and the scenes, options and gates that follow
+    from them.
 
     `case_files.case.load_case` makes it.  No surface is made before it is asked for.
     """
@@ -248,7 +285,9 @@ class Case(Table):
     model_config = ConfigDict(strict=False)
 
     head: CaseTable = Field(alias="case")
-    surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)]
+    surface: Annotated[
+        surfaces.CaseSurface, Field(discriminator="kind"), WrapValidator(_or_absent)
+    ]
     solid: MaterialTable = Field(alias="material")
     counterface: CounterfaceTable | None = None
     load: Annotated[Load, _part(Load, LoadTable)]
@@ -267,20 +306,32 @@ class Case(Table):
         methods: tuple[str, ...]
 
     def model_post_init(self, context: Any) -> None:
-        """Keep the file and the size of the tables, and what is asked for most often."""
+        """Keep the file and the size of the tables, and what is asked for most
+        often.
+        """
         about = {"id": self.head.id, "methods": tuple(self.head.methods)}
         self.__dict__.update(path=context["path"], size=context["size"], **about)
 
     def changed(self, **values: Any) -> Case:
-        """Return a copy in which fields or properties have other values, and the rest its own."""
-        own = {name: getattr(self, name) for name in ("recipes", "options", "gates", *values)}
+        """Return a copy in which fields or properties have other values, and the rest
+        its own.
+        """
+        own = {
+            name: getattr(self, name)
+            for name in ("recipes", "options", "gates", *values)
+        }
         return self.model_copy(update=own | values)
 
     @cached_property
     def options(self) -> Mapping[str, Mapping[str, Any]]:
         """The options of each method."""
-        tables = {name: getattr(self, METHODS[name].table or "", None) for name in self.methods}
-        return {n: t.model_dump(exclude_none=True) if t else {} for n, t in tables.items()}
+        tables = {
+            name: getattr(self, METHODS[name].table or "", None)
+            for name in self.methods
+        }
+        return {
+            n: t.model_dump(exclude_none=True) if t else {} for n, t in tables.items()
+        }
 
     @cached_property
     def skip(self) -> str:
@@ -308,7 +359,9 @@ class Case(Table):
 
     @cached_property
     def both(self) -> Material:
-        """The elastic body that stands for that of [material] and the counterface, if any."""
+        """The elastic body that stands for that of [material] and the counterface, if
+        any.
+        """
         body = Material(self.solid.young_modulus, self.solid.poisson_ratio)
         if (other := self.counterface) is None:
             return body
@@ -316,7 +369,9 @@ class Case(Table):
 
     @property
     def two_bodies(self) -> dict[str, Any]:
-        """What a result says of its two bodies in the place of the one that stands for them."""
+        """What a result says of its two bodies in the place of the one that stands for
+        them.
+        """
         if (other := self.counterface) is None:
             return {}
         rough = "rough" if other.surface is not None else "flat"
@@ -326,19 +381,25 @@ class Case(Table):
             told += ", of J2 bodies that touch a rigid flat at the E* of both"
         name = "Young's modulus E of the first body; E* is that of both"
         return {
-            "young_modulus": {"value": self.solid.young_modulus, "unit": "Pa", "meaning": name},
+            "young_modulus": {
+                "value": self.solid.young_modulus,
+                "unit": "Pa",
+                "meaning": name,
+            },
             "counterface": {"value": told, "unit": "", "meaning": "counterface"},
         }
 
     @cached_property
     def mapped(self) -> tuple[MappedHardness, ...]:
-        """The map's hardness of each load, or of the largest before it, where it is effective."""
+        """The map's hardness of each load, or of the largest before it, where it is
+        effective.
+        """
         given, surface = self.solid, self.surface
         if given.hardness != "effective" or isinstance(surface, surfaces.SurfaceAbsent):
             return ()
-        if not isinstance(surface, surfaces.SelfAffineEnsemble | surfaces.HeightsFromFile) or (
-            len(surfaces.recipes_of(surface)[0].shape) == 1
-        ):
+        if not isinstance(
+            surface, surfaces.SelfAffineEnsemble | surfaces.HeightsFromFile
+        ) or (len(surfaces.recipes_of(surface)[0].shape) == 1):
             raise InvalidScene(
                 "hardness is 'effective', which is known for rough surfaces only, those of kind "
                 "self_affine and the maps of kind file; give it in Pa"
@@ -350,12 +411,16 @@ class Case(Table):
             )
         if self.counterface is not None and self.counterface.surface is not None:
             slope = inner_moments(self.recipes[0].build()).rms_slope
-        elif isinstance(surface, surfaces.HeightsFromFile):  # as it is after its treatment
+        elif isinstance(
+            surface, surfaces.HeightsFromFile
+        ):  # as it is after its treatment
             surfaces.require_room(surface.shape)
             slope = inner_moments(surface.build()).rms_slope
         else:
             slope = surface.rms_slope
-        return tuple(self.cap_at(slope, p) for p in itertools.accumulate(self.load.path, max))
+        return tuple(
+            self.cap_at(slope, p) for p in itertools.accumulate(self.load.path, max)
+        )
 
     @property
     def mapped_hardness(self) -> MappedHardness | None:
@@ -364,31 +429,47 @@ class Case(Table):
 
     @property
     def told_hardness(self) -> str:
-        """The effective hardness of each load, with what is known of the largest; or ""."""
+        """The effective hardness of each load, with what is known of the largest; or
+        "".
+        """
         begin, _, end = str(self.mapped_hardness or "").partition("\n")
         loads = {found.load * self.solid.yield_stress: found for found in self.mapped}
-        each = [f"at {p:.4g} Pa: {found}".partition("\n")[0] for p, found in loads.items()]
+        each = [
+            f"at {p:.4g} Pa: {found}".partition("\n")[0] for p, found in loads.items()
+        ]
         return "\n".join([*(each if len(each) > 1 else [begin]), end]).strip()
 
     @property
     def conductances(self) -> dict[str, float]:
-        """What a conductance times resistivity is multiplied by, by kinds, where both bodies' are
-        given."""
-        given = self.solid.model_dump(include={f"{kind}_conductivities" for kind in CONDUCTING})
+        """What a conductance times resistivity is multiplied by, by kinds, where both
+        bodies' are given.
+        """
+        given = self.solid.model_dump(
+            include={f"{kind}_conductivities" for kind in CONDUCTING}
+        )
         return {
-            n.partition("_")[0]: 1 / sum(1 / k for k in both) for n, both in given.items() if both
+            n.partition("_")[0]: 1 / sum(1 / k for k in both)
+            for n, both in given.items()
+            if both
         }
 
     @property
     def breadth(self) -> float | None:
-        """Wavelength of the roll-off over the shortest of a recipe; None: that of a map."""
-        surface, two = self.surface, self.counterface is not None and self.counterface.surface
+        """Wavelength of the roll-off over the shortest of a recipe; None: that of a
+        map.
+        """
+        surface, two = (
+            self.surface,
+            self.counterface is not None and self.counterface.surface,
+        )
         if two or not isinstance(surface, surfaces.SelfAffineEnsemble):
             return None
         return surface.wavenumber_high / surface.wavenumber_roll_off
 
     def cap_at(self, rms_slope: float, mean_pressure: float) -> MappedHardness:
-        """Return the map's hardness at an rms slope.  Raises InvalidScene outside the map."""
+        """Return the map's hardness at an rms slope.  Raises InvalidScene outside the
+        map.
+        """
         return effective_hardness(
             yield_stress=self.solid.yield_stress,
             young_modulus=self.both.young_modulus,
@@ -400,8 +481,10 @@ class Case(Table):
 
     @property
     def lists_loads(self) -> bool:
-        """Whether a verification measures and prints each load: of a path, of a measured map, and
-        under an effective hardness, whose interval is a part of each figure's error."""
+        """Whether a verification measures and prints each load: of a path, of a
+        measured map, and under an effective hardness, whose interval is a part of each
+        figure's error.
+        """
         told = isinstance(self.surface, surfaces.HeightsFromFile)
         own = bool(self.conductances) or self.solid.hardness == "effective"
         return len(self.load.path) > 1 or told or own
@@ -425,11 +508,16 @@ class Case(Table):
     def gates(self) -> tuple[Gate, ...]:
         """The gates at this size: the case's own, and the default gates of its methods.
 
-        A gate of the case replaces the default gate on the same quantity of the same method, and a
-        table [[omit]] removes one.  A case that is there to be run or swept has no gate at all.
+        A gate of the case replaces the default gate on the same quantity of the same
+        method, and a table [[omit]] removes one.  A case that is there to be run or
+        swept has no gate at all.
         """
-        own = [gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes]
-        replaced = {(g.of, g.quantity) for g in own} | {(o.of, o.quantity) for o in self.omit}
+        own = [
+            gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes
+        ]
+        replaced = {(g.of, g.quantity) for g in own} | {
+            (o.of, o.quantity) for o in self.omit
+        }
         shared = [
             gate
             for gate in (default_gates() if self.gate else ())
@@ -441,25 +529,39 @@ class Case(Table):
 
     @cached_property
     def not_judged(self) -> tuple[str, ...]:
-        """A sentence for each gate that the case has or omits and that this size leaves out."""
+        """A sentence for each gate that the case has or omits and that this size leaves
+        out.
+        """
         elsewhere = [g for g in self.gate if g.sizes and self.size not in g.sizes]
         sizes = [(g.gate.name, " and ".join(g.sizes or ())) for g in elsewhere]
         return (
             *(f"{name} applies to size {those} only" for name, those in sizes),
-            *(f"default gate {o.quantity} of {o.of} is omitted: {o.because}" for o in self.omit),
+            *(
+                f"default gate {o.quantity} of {o.of} is omitted: {o.because}"
+                for o in self.omit
+            ),
         )
 
     def digest(self, recipe: surfaces.Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""
         return scene_digest(
-            recipe.fingerprint, recipe.shape, recipe.periods, self.material, self.body, self.load
+            recipe.fingerprint,
+            recipe.shape,
+            recipe.periods,
+            self.material,
+            self.body,
+            self.load,
         )
 
     def folder(self, output: Path) -> Path:
-        """Return the folder of its results: one for each size, `<output>/<case>/<size>`."""
+        """Return the folder of its results: one for each size,
+        `<output>/<case>/<size>`.
+        """
         return output / self.id / self.size
 
     def scene(self, recipe: surfaces.Recipe) -> Scene:
-        """Make the surface and the scene on it.  Raises InvalidScene, NotEnoughMemory."""
+        """Make the surface and the scene on it.  Raises InvalidScene,
+        NotEnoughMemory.
+        """
         surfaces.require_room(recipe.shape)
         return Scene(recipe.build(), self.material, self.load, self.body)

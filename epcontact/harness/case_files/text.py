@@ -1,8 +1,9 @@
-"""The text of case files: TOML with variants and with values by size, before its keys are checked.
+"""The text of case files: TOML with variants and with values by size, before its keys
+are checked.
 
-A file holds one case of its own name, or a family: each table [[variant]] is a partial case file
-that is laid over the rest.  Its keys replace those of the same table; a gate of it completes the
-file's gate on the same quantity or, if there is none, is added.
+A file holds one case of its own name, or a family: each table [[variant]] is a partial
+case file that is laid over the rest.  Its keys replace those of the same table; a gate
+of it completes the file's gate on the same quantity or, if there is none, is added.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ LONGEST = 300  # digits of a number; parts of a key, which take the square of th
 
 @dataclass(frozen=True)
 class CaseText:
-    """One case as its file states it, its variant laid over the rest and its sizes unresolved."""
+    """One case as its file states it, its variant laid over the rest and its sizes
+    unresolved.
+    """
 
     path: Path
     id: str  # of the variant, or the file's name
@@ -35,9 +38,15 @@ class CaseText:
 
     @property
     def sizes(self) -> tuple[str, ...]:
-        """The sizes for which every value is given; only "fast" if no value is given by size."""
+        """The sizes for which every value is given; only "fast" if no value is given by
+        size.
+        """
         tables = list(_size_tables(self.tables))
-        return tuple(s for s in SIZES if all(s in t for t in tables)) if tables else ("fast",)
+        return (
+            tuple(s for s in SIZES if all(s in t for t in tables))
+            if tables
+            else ("fast",)
+        )
 
 
 def case_name(path: Path) -> str:
@@ -59,12 +68,16 @@ def package_files() -> list[Path]:
 
 
 def find_cases() -> list[CaseText]:
-    """Return the cases in ./cases or, if there are none, those that came with the package."""
+    """Return the cases in ./cases or, if there are none, those that came with the
+    package.
+    """
     return [case for file in case_files() for case in read_cases(file)]
 
 
 def find_named(name: str | Path) -> tuple[CaseText, ...]:
-    """Return the case of an id, or all cases of a file in ./cases, of the package or at a path."""
+    """Return the case of an id, or all cases of a file in ./cases, of the package or at
+    a path.
+    """
     path, text = Path(name), str(name)
     known: dict[str, tuple[CaseText, ...]] = {}
     # A folder of the user's own cases does not hide those of the package.
@@ -73,16 +86,22 @@ def find_named(name: str | Path) -> tuple[CaseText, ...]:
             if case_name(file) == text:
                 return read_cases(file)
             known.setdefault(case_name(file), ())
-            with contextlib.suppress(InvalidCase):  # mistakes in that file do not matter here
+            with contextlib.suppress(
+                InvalidCase
+            ):  # mistakes in that file do not matter here
                 known |= {case.id: (case,) for case in read_cases(file)}
         if text in known:
             return known[text]
     if path.is_file():
         return read_cases(path)
     if path.suffix == ".toml" or path.exists():
-        raise InvalidCase(f"{name}: no such case file; `epcontact list` shows the cases")
+        raise InvalidCase(
+            f"{name}: no such case file; `epcontact list` shows the cases"
+        )
     file = path.with_name(f"{path.name}.toml")
-    meant = f"; did you mean the file {file}?" if file.is_file() else nearest(text, known)
+    meant = (
+        f"; did you mean the file {file}?" if file.is_file() else nearest(text, known)
+    )
     raise InvalidCase(f"no case is called {text!r}{meant}")
 
 
@@ -104,7 +123,9 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
     if variants is None:
         return (_offered(CaseText(path, case_name(path), tables, str(path))),)
     if not (variants and isinstance(variants, list)):
-        raise InvalidCase(f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]")
+        raise InvalidCase(
+            f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]"
+        )
     family: dict[str, CaseText] = {}
     for number, variant in enumerate(variants, start=1):
         head = variant.get("case") if isinstance(variant, dict) else None
@@ -114,13 +135,17 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
                 f"{path}: variant {number} has the case.id {name!r}, but needs one of its own"
             )
         where = f"{path}: variant {name}"
-        family[name] = _offered(CaseText(path, name, _laid_over(where, tables, variant), where))
+        family[name] = _offered(
+            CaseText(path, name, _laid_over(where, tables, variant), where)
+        )
     return tuple(family.values())
 
 
 def _offered(case: CaseText) -> CaseText:
     if not case.sizes:
-        raise InvalidCase(f"{case.where}: the values given by size have no size in common")
+        raise InvalidCase(
+            f"{case.where}: the values given by size have no size in common"
+        )
     return case
 
 
@@ -145,13 +170,17 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
             yield from _size_tables(item)
 
 
-def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]) -> dict[str, Any]:
+def _laid_over(
+    where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return tables with the keys of a variant in the place of their own."""
     laid = dict(tables)
     for name, table in variant.items():
         below = tables.get(name)
         if name == "gate" and isinstance(below, list) and isinstance(table, list):
-            laid[name] = functools.reduce(functools.partial(_completed, where), table, below)
+            laid[name] = functools.reduce(
+                functools.partial(_completed, where), table, below
+            )
         else:
             both = isinstance(below, dict) and isinstance(table, dict)
             laid[name] = below | table if both else table
@@ -159,13 +188,17 @@ def _laid_over(where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
 
 
 def _completed(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
-    """Return gates, one of which is completed by another on its quantity, or that one added."""
+    """Return gates, one of which is completed by another on its quantity, or that one
+    added.
+    """
     quantity = more.get("quantity") if isinstance(more, dict) else None
     same = [g for g in gates if isinstance(g, dict) and g.get("quantity") == quantity]
     if quantity is None or not same:
         return [*gates, more]
     if len(same) > 1:
-        raise InvalidCase(f"{where}: its gate on {quantity!r} could complete any of {len(same)}")
+        raise InvalidCase(
+            f"{where}: its gate on {quantity!r} could complete any of {len(same)}"
+        )
     return [g | more if g is same[0] else g for g in gates]
 
 
@@ -182,5 +215,8 @@ def _read(path: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except OSError as error:
         raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, and of too many brackets
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # of TOML, of UTF-8, and of too many brackets
         raise InvalidCase(f"{path}: is not TOML in UTF-8: {error}") from None

@@ -1,8 +1,9 @@
 """CalculiX as a method, and its input file: a code that the field trusts, on our block.
 
-The block, its law and its load are those of `fem_check`; elements, solver and contact are
-CalculiX's own.  Each top node presses through a unilateral spring (GAPUNI) on a node of a rigid
-flat, and the loads act on the flat.  The periodic edges are tied by equations.
+The block, its law and its load are those of `fem_check`; elements, solver and contact
+are CalculiX's own.  Each top node presses through a unilateral spring (GAPUNI) on a
+node of a rigid flat, and the loads act on the flat.  The periodic edges are tied by
+equations.
 
 Three things differ from `fem_check`, and `epcontact crosscheck` changes each alone:
 
@@ -10,10 +11,11 @@ Three things differ from `fem_check`, and `epcontact crosscheck` changes each al
                          dilatation; all of them meet as the grid is refined
     penalty              the springs yield by the pressure times the spacing over PENALTY E
     large displacements  GAPUNI needs NLGEOM, with which the body is at finite strain: a part that
-                         falls as the slope of the surface, and that small strain leaves out
+                         falls as the slope of the surface, and that small strain leaves
+                         out
 
-On elastic blocks of small slope C3D8 has the pressures of a plain assembly of linear elasticity to
-6e-4, which is the springs' part (tests/test_calculix.py).
+On elastic blocks of small slope C3D8 has the pressures of a plain assembly of linear
+elasticity to 6e-4, which is the springs' part (tests/test_calculix.py).
 
 CalculiX reads at most twenty characters of a number, so numbers have thirteen digits.
 """
@@ -44,8 +46,9 @@ from fem_check.result import areas, distribution
 from fem_check.vtu import mesh_of
 
 PROGRAM, ELEMENT = "ccx", "C3D8I"
-#: Stiffness of a spring over E times the spacing, and its pull across an open gap over the force
-#: on a node (the default of CalculiX is 1e-3 in the scene's own unit of force).
+#: Stiffness of a spring over E times the spacing, and its pull across an open gap over
+#: the force on a node (the default of CalculiX is 1e-3 in the scene's own unit of
+#: force).
 PENALTY, PULL = 1e3, 1e-7
 #: What `epcontact crosscheck` changes, by its name: arguments of `solve`.
 CHANGES: dict[str, dict[str, Any]] = {
@@ -54,31 +57,50 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 #: Relative size of the residual forces and of the last correction.
 TOLERANCE = 1e-7
-#: Names that meshio has for the formats of bricks with data on their nodes; gmsh reads VTK's 4.2.
-_FORMATS = {".vtu": "vtu", ".vtk": "vtk42", ".msh": "gmsh", ".med": "med", ".xdmf": "xdmf"}
+#: Names that meshio has for the formats of bricks with data on their nodes; gmsh reads
+#: VTK's 4.2.
+_FORMATS = {
+    ".vtu": "vtu",
+    ".vtk": "vtk42",
+    ".msh": "gmsh",
+    ".med": "med",
+    ".xdmf": "xdmf",
+}
 
 
 def deck(
-    problem: Problem, scene: Scene, options: FemOptions,
-    element: str = ELEMENT, penalty: float = PENALTY,
-) -> str:  # fmt: skip
-    """The input file of a scene: block, springs, equations, and a step for each mean pressure.
-    Raises InvalidScene."""
+    problem: Problem,
+    scene: Scene,
+    options: FemOptions,
+    element: str = ELEMENT,
+    penalty: float = PENALTY,
+) -> str:
+    """The input file of a scene: block, springs, equations, and a step for each mean
+    pressure. Raises InvalidScene.
+    """
     import meshio
 
-    if options.law == "capped" or options.geometry != "gap" or options.approach is not None:
+    if (
+        options.law == "capped"
+        or options.geometry != "gap"
+        or options.approach is not None
+    ):
         raise InvalidScene(
             "calculix answers the laws elastic and j2, with the geometry gap, under pressures"
         )
     if not min(scene.load.path) > 0:
-        raise InvalidScene("mean_pressure is 0, but calculix needs a load that holds the flat")
+        raise InvalidScene(
+            "mean_pressure is 0, but calculix needs a load that holds the flat"
+        )
     (nx, ny), material, block = problem.block.shape, scene.material, problem.block
     mesh = mesh_of(problem, reference=True)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.inp"
         meshio.abaqus.write(file, mesh, float_fmt=".12e", translate_cell_names=False)
         text = file.read_text(encoding="utf-8")
-    text = text.replace("*ELEMENT, TYPE=hexahedron", f"*ELEMENT, TYPE={element}, ELSET=block")
+    text = text.replace(
+        "*ELEMENT, TYPE=hexahedron", f"*ELEMENT, TYPE={element}, ELSET=block"
+    )
     number = np.arange(1, len(mesh.points) + 1).reshape(-1, nx + 1, ny + 1)
     top, flat = number[0, :-1, :-1].ravel(), np.arange(nx * ny) + number.size + 1
     whole = flat[-1] + 1
@@ -88,9 +110,13 @@ def deck(
     spring, pull = penalty * material.young_modulus * above, _pull(problem, scene)
     lines = [line.rstrip() for line in text.splitlines()] + ["*NODE, NSET=flat"]
     where = mesh.points[top - 1] + [0, 0, 1] * (above + clearance[:, None])
-    lines += [f"{n}, " + ", ".join(map(_number, x)) for n, x in zip(flat, where, strict=True)]
+    lines += [
+        f"{n}, " + ", ".join(map(_number, x)) for n, x in zip(flat, where, strict=True)
+    ]
     lines += ["*NODE, NSET=whole", f"{whole}, 0., 0., {_number(2 * above)}"]
-    for spot, (a, b, gap) in enumerate(zip(top, flat, clearance, strict=True), bricks + 1):
+    for spot, (a, b, gap) in enumerate(
+        zip(top, flat, clearance, strict=True), bricks + 1
+    ):
         lines += [f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spot}", f"{spot}, {a}, {b}"]
         lines += [f"*GAP, ELSET=gap{spot}"]
         lines += [f"{_number(gap)}, 0., 0., 1., , {_number(spring)}, {_number(pull)}"]
@@ -100,7 +126,9 @@ def deck(
     for image, node in zip(number[:-1][tied], source[tied], strict=True):
         lines += [f"2\n{image}, {axis}, 1., {node}, {axis}, -1." for axis in (1, 2, 3)]
     lines += [f"2\n{node}, 3, 1., {whole}, 3, -1." for node in flat]
-    base = [f"{node}, {'3, 3' if block.sliding else '1, 3'}" for node in number[-1].ravel()]
+    base = [
+        f"{node}, {'3, 3' if block.sliding else '1, 3'}" for node in number[-1].ravel()
+    ]
     held = [f"{number[-1, 0, 0]}, 1, 3"] * block.sliding
     lines += ["*BOUNDARY", *base, *held, "flat, 1, 2", "whole, 1, 2"]
     lines += ["*MATERIAL, NAME=solid", "*ELASTIC"]
@@ -119,7 +147,9 @@ def deck(
         lines += ["*CLOAD", f"whole, 3, {_number(force)}"]
         for nodes, printed in (("flat", "RF"), ("top", "U"), ("whole", "U")):
             lines += [f"*NODE PRINT, NSET={nodes}, FREQUENCY=10000", printed]
-        lines += ["*EL PRINT, ELSET=upper, FREQUENCY=10000", "PEEQ"] * (options.law == "j2")
+        lines += ["*EL PRINT, ELSET=upper, FREQUENCY=10000", "PEEQ"] * (
+            options.law == "j2"
+        )
         lines += ["*END STEP"]
     return "\n".join(lines) + "\n"
 
@@ -134,7 +164,9 @@ def _pull(problem: Problem, scene: Scene) -> float:
 
 
 def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
-    """Run an input file; the tables that it printed, in their order, and its iterations."""
+    """Run an input file; the tables that it printed, in their order, and its
+    iterations.
+    """
     (folder / "block.inp").write_text(text, encoding="utf-8")
     how: dict[str, Any] = {"capture_output": True, "text": True, "errors": "replace"}
     done = subprocess.run([PROGRAM, "block"], cwd=folder, check=False, **how)
@@ -150,20 +182,29 @@ def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
             tables.append([])
         elif words:
             tables[-1].append([float(word) for word in words])
-    iterations = sum(line.startswith(" iteration ") for line in done.stdout.splitlines())
+    iterations = sum(
+        line.startswith(" iteration ") for line in done.stdout.splitlines()
+    )
     return [np.array(table) for table in tables], iterations
 
 
 def solve(
-    scene: Scene, options: Mapping[str, Any] | None = None, *,
-    element: str = ELEMENT, penalty: float = PENALTY,
-) -> ContactResult:  # fmt: skip
-    """Answer a scene on the block of `fem_check`.  Raises InvalidScene, NotConverged."""
+    scene: Scene,
+    options: Mapping[str, Any] | None = None,
+    *,
+    element: str = ELEMENT,
+    penalty: float = PENALTY,
+) -> ContactResult:
+    """Answer a scene on the block of `fem_check`.  Raises InvalidScene,
+    NotConverged.
+    """
     given = FemOptions(**(options or {}))
     problem, started = problem_of(scene, given, 1), time.perf_counter()
     (nx, ny), block = problem.block.shape, problem.block
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
-        printed, iterations = _ran(deck(problem, scene, given, element, penalty), Path(folder))
+        printed, iterations = _ran(
+            deck(problem, scene, given, element, penalty), Path(folder)
+        )
     steps, tables = list[LoadStep](), iter(printed)
     for load in scene.load.path:
         forces = -next(tables)[:, 3].reshape(nx, ny)
@@ -171,7 +212,9 @@ def solve(
         approach = -float(next(tables)[0, 3])
         flowed = np.zeros((nx, ny), dtype=bool)
         if given.law == "j2":
-            flowed = (next(tables)[:, 2].reshape(nx * ny, -1).max(axis=1) > 0).reshape(nx, ny)
+            flowed = (next(tables)[:, 2].reshape(nx * ny, -1).max(axis=1) > 0).reshape(
+                nx, ny
+            )
         # An open spring pulls a little; a closed one presses with far more.
         touching = forces > 100 * _pull(problem, scene)
         reached = np.where(nodes_of(flowed), results.PLASTIC, results.ELASTIC)
@@ -192,12 +235,16 @@ def solve(
     layers = {"layers": len(block.layers), "first_layer": float(block.layers[0])}
     told = asdict(given) | {"depth": block.depth, "element": element, **layers}
     fields = {"pressure": pressure, "gap": gap, "displacement": down, "state": state}
-    fields = {name: values.reshape(scene.surface.shape) for name, values in fields.items()}
+    fields = {
+        name: values.reshape(scene.surface.shape) for name, values in fields.items()
+    }
     cost = {"seconds": time.perf_counter() - started, "iterations": iterations}
     return ContactResult(
         method="calculix",
         steps=tuple(steps),
-        provenance=Provenance(scene.digest, scene.surface.seed, told | {"solver": PROGRAM}),
+        provenance=Provenance(
+            scene.digest, scene.surface.seed, told | {"solver": PROGRAM}
+        ),
         distribution=distribution(pressure, state, np.inf),
         fields={"heights": scene.surface.heights} | fields,
         cost=cost | {"unknowns": 3 * nx * ny * len(block.layers)},
@@ -224,17 +271,24 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
     with whole_file(file) as temporary:
         if file.suffix == ".inp":
             told = "".join(f"** {line}\n" for line in about)
-            Path(temporary).write_text(told + deck(problem, scene, given), encoding="utf-8")
+            Path(temporary).write_text(
+                told + deck(problem, scene, given), encoding="utf-8"
+            )
         else:
-            # meshio writes no sets of nodes here, and VTK reads none of its small integers.
+            # meshio writes no sets of nodes here, and VTK reads none of its small
+            # integers.
             for name, nodes in mesh.point_sets.items():
                 mesh.point_data[name] = np.zeros(len(mesh.points))
                 mesh.point_data[name][nodes] = 1
             mesh.point_sets = {}
             try:
-                inline = {"data_format": "XML"} if file.suffix == ".xdmf" else {}  # one file
+                inline = (
+                    {"data_format": "XML"} if file.suffix == ".xdmf" else {}
+                )  # one file
                 mesh.write(temporary, file_format=_FORMATS[file.suffix], **inline)
             except ImportError as error:
-                raise InvalidScene(f"meshio cannot write {file}: {sentence_of(error)}") from None
+                raise InvalidScene(
+                    f"meshio cannot write {file}: {sentence_of(error)}"
+                ) from None
     size = f"{len(mesh.points)} nodes and {problem.bricks.number} bricks"
     return f"{file}: {size}; {'; '.join(about)}"

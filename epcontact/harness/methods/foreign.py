@@ -1,11 +1,14 @@
-"""Solvers from outside the package, in a process of their own and on a copy of the scene.
+"""Solvers from outside the package, in a process of their own and on a copy of the
+scene.
 
-A solver is named by its source: `module:function`, which maps a Scene to a ContactResult, or a
-command in any language, 'command {scene} {result}'.  Whatever it does to its scene, its machine or
-its process, of which words and numbers alone are read, the caller gets a checked result or an error
-that says what happened.  A process serves all solves of one solver until it dies.
+A solver is named by its source: `module:function`, which maps a Scene to a
+ContactResult, or a command in any language, 'command {scene} {result}'.  Whatever it
+does to its scene, its machine or its process, of which words and numbers alone are
+read, the caller gets a checked result or an error that says what happened.  A process
+serves all solves of one solver until it dies.
 
-A command reads one text file and writes another, in the units and conventions of `help(epcontact)`.
+A command reads one text file and writes another, in the units and conventions of
+`help(epcontact)`.
 
 The scene is a text of one item a line, always in this order:
 
@@ -24,7 +27,8 @@ The scene is a text of one item a line, always in this order:
     5e8
     heights                      nx*ny numbers, one a line, [0,0] [0,1] ... [0,ny-1] [1,0] ...
 
-The result is a text of words and numbers, separated by blanks or line ends, in any order:
+The result is a text of words and numbers, separated by blanks or line ends, in any
+order:
 
     epcontact-result 1
     converged 1                  or 0, which is an error: the result is not judged
@@ -32,9 +36,10 @@ The result is a text of words and numbers, separated by blanks or line ends, in 
     pressure                     and then nx*ny numbers at the last load, ordered as the heights
     gap                          optional, the same; or displacement
 
-Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a pressure, this
-process computes what follows from it and, where they are given, from gap and displacement.  A
-solver is asked for each load of a path, as the last one of a scene, as fields are those of one.
+Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a
+pressure, this process computes what follows from it and, where they are given, from gap
+and displacement.  A solver is asked for each load of a path, as the last one of a
+scene, as fields are those of one.
 """
 
 from __future__ import annotations
@@ -62,7 +67,14 @@ from epcontact import results
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness.processes import Child, ChildDied, death_of
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
-from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Provenance, plain
+from epcontact.results import (
+    Areas,
+    ContactResult,
+    FloatArray,
+    LoadStep,
+    Provenance,
+    plain,
+)
 from epcontact.scene import Scene
 
 #: What a command has in the place of the files.
@@ -73,15 +85,22 @@ _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual
 
 
 def is_command(source: str) -> bool:
-    """Return whether a source is a command with placeholders and not `module:function`."""
+    """Return whether a source is a command with placeholders and not
+    `module:function`.
+    """
     return "{" in source or any(map(str.isspace, source))
 
 
 def require_solver(source: str) -> None:
-    """Raise InvalidCase if a function cannot be imported, or there is no such program."""
+    """Raise InvalidCase if a function cannot be imported, or there is no such
+    program.
+    """
     if not is_command(source):
         _asked(source, None)
-    elif sorted(match[1] for match in PLACEHOLDER.finditer(source)) != ["result", "scene"]:
+    elif sorted(match[1] for match in PLACEHOLDER.finditer(source)) != [
+        "result",
+        "scene",
+    ]:
         needed = "the placeholders {scene} and {result} once each"
         raise InvalidCase(f"solver {source}: a command needs {needed}")
     elif shutil.which(program := _words(source)[0]) is None:
@@ -89,19 +108,38 @@ def require_solver(source: str) -> None:
 
 
 def solve(
-    name: str, source: str, scene: Scene, limit: float = math.inf, before: FloatArray | None = None
+    name: str,
+    source: str,
+    scene: Scene,
+    limit: float = math.inf,
+    before: FloatArray | None = None,
 ) -> ContactResult:
-    """Return the result of a foreign solver, called `name`, at the last load of a copy of the
-    scene; before: how far the load before has left the surface lowered, in m."""
-    answer, said = _asked(source, scene, limit), "a ContactResult that cannot be read ({})"
+    """Return the result of a foreign solver, called `name`, at the last load of a copy
+    of the scene; before: how far the load before has left the surface lowered, in m.
+    """
+    answer, said = (
+        _asked(source, scene, limit),
+        "a ContactResult that cannot be read ({})",
+    )
     try:
         data = json.loads(answer[: (end := answer.index(b"\n") + 1)])
         names, numbers = data["fields"], np.frombuffer(memoryview(answer)[end:]).copy()
-        fields = dict(zip(names, numbers.reshape(len(names), *scene.surface.shape), strict=True))
+        fields = dict(
+            zip(names, numbers.reshape(len(names), *scene.surface.shape), strict=True)
+        )
         result, said = replace(ContactResult.from_json(data), fields=fields), "{}"
         result = _checked(result, scene, before)
-    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as e:
-        raise InvalidCase(f"solver {source} returned {said.format(sentence_of(e))}") from None
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as e:
+        raise InvalidCase(
+            f"solver {source} returned {said.format(sentence_of(e))}"
+        ) from None
     options = {**result.provenance.options, "solver": source}
     provenance = replace(result.provenance, scene=scene.digest, options=options)
     return replace(result, method=name, provenance=provenance)
@@ -114,7 +152,9 @@ def _child(source: str) -> Child:
 
 
 def _asked(source: str, scene: Scene | None, limit: float = math.inf) -> bytes:
-    """Return what `_answer` does in the process of a solver; raises InvalidCase if it says why."""
+    """Return what `_answer` does in the process of a solver; raises InvalidCase if it
+    says why.
+    """
     try:
         answer = _child(source).call(_answer, source, scene, limit=limit)
     except ChildDied as end:
@@ -126,29 +166,50 @@ def _asked(source: str, scene: Scene | None, limit: float = math.inf) -> bytes:
 
 
 def _checked(result: ContactResult, scene: Scene, before: Any = None) -> ContactResult:
-    """Return a result with what follows from its pressures, or raise what is wrong with it."""
+    """Return a result with what follows from its pressures, or raise what is wrong with
+    it.
+    """
     loads, path = [step.mean_pressure for step in result.steps], scene.load.path
     if loads != [*path]:
-        raise InvalidCase(f"load steps at {loads} Pa, but the scene has loads at {[*path]} Pa")
+        raise InvalidCase(
+            f"load steps at {loads} Pa, but the scene has loads at {[*path]} Pa"
+        )
     _require_solved(result.converged, result.final.residuals, result.cost)
     for name in result.fields:
         if not (isinstance(name, str) and re.fullmatch(r"[\w .-]+", name)):
-            raise InvalidCase(f"a field named {name!r}, but names are letters, digits, '.' and '-'")
+            raise InvalidCase(
+                f"a field named {name!r}, but names are letters, digits, '.' and '-'"
+            )
     if "pressure" in result.fields:
         return _by_its_pressures(result, scene, before)
     if missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
-        raise InvalidCase(f"no pressure and no areas[{missing[0]!r}] of its last load step")
-    areas = {k: a for k, a in result.final.areas.items() if k != "error"}  # no unchecked claim
-    result = replace(result, steps=(*result.steps[:-1], replace(result.final, areas=areas)))
+        raise InvalidCase(
+            f"no pressure and no areas[{missing[0]!r}] of its last load step"
+        )
+    areas = {
+        k: a for k, a in result.final.areas.items() if k != "error"
+    }  # no unchecked claim
+    result = replace(
+        result, steps=(*result.steps[:-1], replace(result.final, areas=areas))
+    )
     return _told(result, scalar_quantities(result))
 
 
-def _require_solved(converged: Any, residuals: Mapping[str, Any], cost: Any = None) -> None:
-    """Raise if a solver says that it has not converged, or nothing that can be understood."""
-    for what, most, given in (("residuals", 1, residuals), ("costs", math.inf, cost or {})):
+def _require_solved(
+    converged: Any, residuals: Mapping[str, Any], cost: Any = None
+) -> None:
+    """Raise if a solver says that it has not converged, or nothing that can be
+    understood.
+    """
+    for what, most, given in (
+        ("residuals", 1, residuals),
+        ("costs", math.inf, cost or {}),
+    ):
         for name, v in given.items():
             if not 0 <= v < most:
-                raise InvalidCase(f"{name} {v!s:.40}, but {what} are numbers from 0 up to {most}")
+                raise InvalidCase(
+                    f"{name} {v!s:.40}, but {what} are numbers from 0 up to {most}"
+                )
     if converged not in (0, 1):
         raise InvalidCase(f"converged {converged!s:.40}, but it is 0 or 1")
     if not converged:
@@ -161,24 +222,42 @@ def _told(result: ContactResult, names: Iterable[str]) -> ContactResult:
     return replace(result, notes=(*result.notes, *[note][: len({*names})]))
 
 
-def _by_its_pressures(result: ContactResult, scene: Scene, before: Any = None) -> ContactResult:
-    """Return a result with what follows from its pressures.  Of other figures that the package
-    knows, it keeps the word only of a body that flows by J2, as its surface does not show them."""
+def _by_its_pressures(
+    result: ContactResult, scene: Scene, before: Any = None
+) -> ContactResult:
+    """Return a result with what follows from its pressures.  Of other figures that the
+    package knows, it keeps the word only of a body that flows by J2, as its surface
+    does not show them.
+    """
     from epcontact.harness.methods.peers import result_of  # loads solvers
 
     flows = result.provenance.options.get("law") == "j2"  # no cap bounds its pressures
     found = result_of(scene, result.fields, result.method, before=before, flows=flows)
-    areas, known, fields = dict(found.final.areas), found.final.quantities, dict(result.fields)
-    if flows and "state" in fields:  # the pressures do not show which of the contact has flowed
-        kept = 1 - float((fields["state"] == results.PLASTIC).mean()) / (areas["raw"].total or 1.0)
-        areas = {k: Areas(a.total, kept * a.total, a.total * (1 - kept)) for k, a in areas.items()}
+    areas, known, fields = (
+        dict(found.final.areas),
+        found.final.quantities,
+        dict(result.fields),
+    )
+    if (
+        flows and "state" in fields
+    ):  # the pressures do not show which of the contact has flowed
+        kept = 1 - float((fields["state"] == results.PLASTIC).mean()) / (
+            areas["raw"].total or 1.0
+        )
+        areas = {
+            k: Areas(a.total, kept * a.total, a.total * (1 - kept))
+            for k, a in areas.items()
+        }
     own = {
         name: value
         for name, value in result.final.quantities.items()
-        if (named := QUANTITIES.get(f"quantity.{name}")) is None or (flows and not named.measure)
+        if (named := QUANTITIES.get(f"quantity.{name}")) is None
+        or (flows and not named.measure)
     }
     residuals = {**result.final.residuals, **found.final.residuals}
-    final = replace(result.final, areas=areas, residuals=residuals, quantities={**own, **known})
+    final = replace(
+        result.final, areas=areas, residuals=residuals, quantities={**own, **known}
+    )
     if not flows:
         lowered = {"plastic_displacement": found.fields["plastic_displacement"]}
         fields = {**found.fields, **fields, **lowered}
@@ -187,13 +266,15 @@ def _by_its_pressures(result: ContactResult, scene: Scene, before: Any = None) -
     return _told(result, own.keys() - known.keys())
 
 
-# --- in the process of the solver ----------------------------------------------------------------
+# --- in the process of the solver
+# ----------------------------------------------------------------
 
 
 def _answer(source: str, scene: Scene | None) -> bytes:
-    """Return what a solver says as plain data, as it may have changed all that computes in its
-    process: a line of JSON and the numbers of its fields, or the sentence that says why there is no
-    result.  Without a scene a function is only imported."""
+    """Return what a solver says as plain data, as it may have changed all that computes
+    in its process: a line of JSON and the numbers of its fields, or the sentence that
+    says why there is no result.  Without a scene a function is only imported.
+    """
     said, solver = "cannot be imported ({}); give package.module:function", None
     try:
         if not is_command(source):
@@ -201,21 +282,31 @@ def _answer(source: str, scene: Scene | None) -> bytes:
             solver = getattr(importlib.import_module(module), name)
         if scene is None:
             return b"{}"
-        scene = replace(scene, surface=replace(scene.surface))  # heights are read-only again
+        scene = replace(
+            scene, surface=replace(scene.surface)
+        )  # heights are read-only again
         said = "raised {}" if solver else "returned {}"
         result = solver(scene) if solver else answer_of_command(_words(source), scene)
         said, shape = "returned {}", scene.surface.shape
         if not isinstance(result, ContactResult):
-            raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
+            raise InvalidCase(
+                f"no epcontact.ContactResult but {type(result).__name__!r}"
+            )
         fields = {name: np.asarray(values) for name, values in result.fields.items()}
         for name, values in fields.items():
             wrong = f"the field {name} of"
             if values.shape != shape:
-                raise InvalidCase(f"{wrong} shape {values.shape}, but the scene's grid is {shape}")
+                raise InvalidCase(
+                    f"{wrong} shape {values.shape}, but the scene's grid is {shape}"
+                )
             if values.dtype.kind not in "biuf":
-                raise InvalidCase(f"{wrong} type {values.dtype}, but numbers are needed")
+                raise InvalidCase(
+                    f"{wrong} type {values.dtype}, but numbers are needed"
+                )
         said = "returned a ContactResult that cannot be read ({})"
-        head = json.dumps(plain(result.to_json()) | {"fields": [*fields]}, allow_nan=False)
+        head = json.dumps(
+            plain(result.to_json()) | {"fields": [*fields]}, allow_nan=False
+        )
         numbers = (values.astype(np.float64).tobytes() for values in fields.values())
         return b"".join((head.encode(), b"\n", *numbers))
     except (Exception, SystemExit) as error:
@@ -229,19 +320,27 @@ def _words(source: str) -> list[str]:
         raise InvalidCase(f"solver {source}: is no command ({error})") from None
 
 
-# --- commands ------------------------------------------------------------------------------------
+# --- commands
+# ------------------------------------------------------------------------------------
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
-    """Return the fields that a program, given by its words, has for a scene, as a result."""
+    """Return the fields that a program, given by its words, has for a scene, as a
+    result.
+    """
     with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
         given, written = Path(name) / "scene.txt", Path(name) / "result.txt"
         given.write_text(scene_text(scene), encoding="utf-8")
         files = {"scene": str(given), "result": str(written)}
-        command = [PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words]
+        command = [
+            PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words
+        ]
         started = time.perf_counter()
         done = subprocess.run(command, check=False, stderr=subprocess.PIPE)
-        cost = {"seconds": time.perf_counter() - started, "unknowns": scene.surface.heights.size}
+        cost = {
+            "seconds": time.perf_counter() - started,
+            "unknowns": scene.surface.heights.size,
+        }
         said = done.stderr.decode(errors="replace")
         with contextlib.suppress(OSError):  # that nobody can read it there is no error
             sys.stderr.write(said)
@@ -249,12 +348,19 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
             last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
             raise InvalidCase(f"a command that {death_of(done.returncode)}{last}")
         if not written.is_file():
-            raise InvalidCase("a command that ended with exit code 0 and wrote no result")
-        found = result_of_text(written.read_text("utf-8", "replace"), scene.surface.shape)
+            raise InvalidCase(
+                "a command that ended with exit code 0 and wrote no result"
+            )
+        found = result_of_text(
+            written.read_text("utf-8", "replace"), scene.surface.shape
+        )
     steps = tuple(LoadStep(load, {}) for load in scene.load.path)
     origin, notes = Provenance(scene.digest, scene.surface.seed), scene.surface.notes
     fields = {name: found[name] for name in _ARRAYS if name in found}
-    notes = (*notes, f"the pressure is {words[0]}'s, everything else follows from it here")
+    notes = (
+        *notes,
+        f"the pressure is {words[0]}'s, everything else follows from it here",
+    )
     return ContactResult(words[0], steps, origin, fields=fields, cost=cost, notes=notes)
 
 
@@ -288,16 +394,22 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
         name = words[at]
         if name not in (*_ARRAYS, *_NUMBERS):
             known = ", ".join((*_NUMBERS, *_ARRAYS))
-            raise InvalidCase(f"a file with {name!r:.40} in the place of one of {known}")
+            raise InvalidCase(
+                f"a file with {name!r:.40} in the place of one of {known}"
+            )
         form = shape if name in _ARRAYS else ()
         end = at + 1 + (count := math.prod(form))
         if name in found:
             raise InvalidCase(f"a file with {name!r} twice")
-        numbers = [_LOGICAL.get(w) or _EXPONENT.sub("e", w) for w in words[at + 1 : end]]
+        numbers = [
+            _LOGICAL.get(w) or _EXPONENT.sub("e", w) for w in words[at + 1 : end]
+        ]
         try:
             found[name] = np.array(numbers, dtype=np.float64).reshape(form)
         except ValueError:
-            raise InvalidCase(f"a file with fewer than {count} numbers after {name!r}") from None
+            raise InvalidCase(
+                f"a file with fewer than {count} numbers after {name!r}"
+            ) from None
         at = end
     for name in ("converged", "pressure"):
         if name not in found:

@@ -1,7 +1,9 @@
-"""The registry of methods: every way to answer a scene, by the name that cases and gates use.
+"""The registry of methods: every way to answer a scene, by the name that cases and
+gates use.
 
-`METHODS` is the only list of the methods.  An entry holds a function that answers a scene and
-what the rest of the package needs to know about it.  Entries come from three sources:
+`METHODS` is the only list of the methods.  An entry holds a function that answers a
+scene and what the rest of the package needs to know about it.  Entries come from three
+sources:
 
     the package's own   persson, bem and fem, below
     other codes         contact_mechanics and tamaas, with the extra `peers`; CalculiX, a program
@@ -44,7 +46,8 @@ MemoryEstimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], flo
 class Table(BaseModel):
     """A table of a case file: unknown keys and wrong types are errors."""
 
-    # `defer_build`: a process that only solves checks no table, so that it needs no validators.
+    # `defer_build`: a process that only solves checks no table, so that it needs no
+    # validators.
     model_config = ConfigDict(
         extra="forbid", strict=True, frozen=True, allow_inf_nan=True, defer_build=True
     )
@@ -53,7 +56,9 @@ class Table(BaseModel):
 class TheoryTable(Table):
     """[theory]: the parameters of Persson's theory that the scene does not hold."""
 
-    energy_reduction: float = Field(gt=0, le=1, description="gamma, elastic energy reduction")
+    energy_reduction: float = Field(
+        gt=0, le=1, description="gamma, elastic energy reduction"
+    )
     reduction: Literal["constant", "persson", "wang_muser", "xu", "local"] = Field(
         default="constant", description="how gamma turns into S(q) as the contact fills"
     )
@@ -65,7 +70,9 @@ class TheoryTable(Table):
 class BemTable(Table):
     """[bem]: the options of the boundary elements."""
 
-    tolerance: float = Field(default=1e-8, gt=0, description="on the KKT residuals, dimensionless")
+    tolerance: float = Field(
+        default=1e-8, gt=0, description="on the KKT residuals, dimensionless"
+    )
 
 
 _FEM: dict[str, Any] = {option.name: option for option in fields(FemOptions)}
@@ -88,10 +95,14 @@ class FemTable(Table):
         return self
 
 
-# --- the memory of a solve ----------------------------------------------------------------------
+# --- the memory of a solve
+# ----------------------------------------------------------------------
 
 _PROCESS = 2**28  # bytes of a process with its libraries
-_SMALL, _MOST = 2**14, 2**15  # below so many points a solve takes at most so many bytes a point
+_SMALL, _MOST = (
+    2**14,
+    2**15,
+)  # below so many points a solve takes at most so many bytes a point
 
 
 def bytes_of_task(
@@ -100,28 +111,39 @@ def bytes_of_task(
     scene: tuple[Material, Body, Load],
     options: Mapping[str, Any],
 ) -> float:
-    """Return the bytes of a process that solves a scene; a rough bound for small grids.  How many
-    solves a machine makes side by side, and which solves a worker of a cluster is not asked to do,
-    follows from it before a surface is made."""
+    """Return the bytes of a process that solves a scene; a rough bound for small grids.
+    How many solves a machine makes side by side, and which solves a worker of a cluster
+    is not asked to do, follows from it before a surface is made.
+    """
     points = math.prod(recipe.shape)
     needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
     return _PROCESS + needed
 
 
 def _surface_bytes(recipe: Recipe, *_: Any) -> float:
-    """Estimate the bytes of a method that needs little more than the heights and their modes."""
+    """Estimate the bytes of a method that needs little more than the heights and their
+    modes.
+    """
     return 32.0 * math.prod(recipe.shape)
 
 
-def _grid_bytes(recipe: Recipe, material: Material, _: Body, load: Load, *__: Any) -> float:
+def _grid_bytes(
+    recipe: Recipe, material: Material, _: Body, load: Load, *__: Any
+) -> float:
     """Estimate the bytes of the boundary elements, heights included."""
     stiffness = effective_modulus(material) * _slope(recipe)
     pressure = load.final or max(load.path)
-    return (8 + bytes_per_point(pressure, material.hardness, stiffness)) * math.prod(recipe.shape)
+    return (8 + bytes_per_point(pressure, material.hardness, stiffness)) * math.prod(
+        recipe.shape
+    )
 
 
 def _block_bytes(
-    recipe: Recipe, material: Material, body: Body, load: Load, options: Mapping[str, Any]
+    recipe: Recipe,
+    material: Material,
+    body: Body,
+    load: Load,
+    options: Mapping[str, Any],
 ) -> float:
     """Estimate the bytes of the finite elements."""
     from fem_check.mesh import block_for, bytes_needed  # loads solvers
@@ -135,7 +157,8 @@ def _slope(recipe: Recipe) -> float:
     return recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
 
 
-# --- methods -------------------------------------------------------------------------------------
+# --- methods
+# -------------------------------------------------------------------------------------
 
 
 def _nothing() -> None:
@@ -147,16 +170,19 @@ class Method:
     """One way to answer a scene.
 
     Attributes:
-        name, meaning: its name in cases, files and commands, and its description in one line.
-        solve: maps (scene, options, threads) to a ContactResult; threads None: all cores.
-        table: name of the case file's table that holds the options; empty if there are none.
-        has_fields: the result has fields on the grid of the surface.
-        has_model_measures: gates can ask how the J2 flow of the method differs from a cap.
-        steps: of a method that follows a path of loads, unloading included, and takes `progress`,
-            called with a share that is done and a sentence, and `on_step`, a function that is
-            called with a result of each load: "output" if it writes bodies into a folder itself.
+        name, meaning: its name in cases, files and commands, and its description in one
+        line. solve: maps (scene, options, threads) to a ContactResult; threads None:
+        all cores. table: name of the case file's table that holds the options; empty if
+        there are none. has_fields: the result has fields on the grid of the surface.
+        has_model_measures: gates can ask how the J2 flow of the method differs from a
+        cap. steps: of a method that follows a path of loads, unloading included, and
+        takes `progress`,
+            called with a share that is done and a sentence, and `on_step`, a function
+            that is called with a result of each load: "output" if it writes bodies into
+            a folder itself.
         memory: estimates the bytes of a solve, beside the process and its libraries.
-        load: loads the modules and the compiled kernels of a solve, by a solve that takes no time.
+        load: loads the modules and the compiled kernels of a solve, by a solve that
+            takes no time.
         requires: a module of the extra `peers` that the method needs.
         program: on the PATH that the method needs.
         source: `module:function` or command of a solver from outside the package.
@@ -182,7 +208,9 @@ class Method:
 
     @property
     def foreign(self) -> bool:
-        """True if its code is not the package's: no kept result is used, as it may have changed."""
+        """True if its code is not the package's: no kept result is used, as it may have
+        changed.
+        """
         return bool(self.source or self.requires or self.program)
 
     @property
@@ -195,8 +223,8 @@ class Method:
         return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
 
 
-# Solvers are loaded when they are called: their compiled kernels take a second to load, and most
-# commands solve nothing.
+# Solvers are loaded when they are called: their compiled kernels take a second to load,
+# and most commands solve nothing.
 
 
 def _persson(scene: Scene, options: Mapping[str, Any], _: int | None) -> ContactResult:
@@ -205,16 +233,22 @@ def _persson(scene: Scene, options: Mapping[str, Any], _: int | None) -> Contact
     return persson.solve(scene, **options)
 
 
-def _bem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
+def _bem(
+    scene: Scene, options: Mapping[str, Any], threads: int | None
+) -> ContactResult:
     return bem.solve(scene, threads=threads, **options)
 
 
-def _fem(scene: Scene, options: Mapping[str, Any], threads: int | None) -> ContactResult:
+def _fem(
+    scene: Scene, options: Mapping[str, Any], threads: int | None
+) -> ContactResult:
     started, compiled = time.perf_counter(), compile_seconds()
     own = {name: value for name, value in options.items() if name != "on_step"}
     path = solve_path(scene, threads=threads, **own)
     for last in range(len(path.points) if "on_step" in options else 0):
-        options["on_step"](contact_result(replace(path, points=path.points[: last + 1])))
+        options["on_step"](
+            contact_result(replace(path, points=path.points[: last + 1]))
+        )
     result = contact_result(path)
     # Its own time ends before its last kernel may be compiled.
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
@@ -234,7 +268,9 @@ def _calculix(scene: Scene, options: Mapping[str, Any], _: int | None) -> Contac
     return calculix.solve(scene, options)
 
 
-def _foreign(name: str, source: str, scene: Scene, options: Any, *_: Any) -> ContactResult:
+def _foreign(
+    name: str, source: str, scene: Scene, options: Any, *_: Any
+) -> ContactResult:
     return foreign.solve(name, source, scene, **options)
 
 
@@ -248,25 +284,42 @@ def _warm_up(solve: Solve, points: int, **options: Any) -> None:
 
 
 def _of_user(name: str, source: str) -> Method:
-    """Return the method of a user's function or command, which its first solve loads."""
-    return Method(name, f"the solver {source}", partial(_foreign, name, source), source=source)
+    """Return the method of a user's function or command, which its first solve
+    loads.
+    """
+    return Method(
+        name, f"the solver {source}", partial(_foreign, name, source), source=source
+    )
 
 
 _OWN = (
     Method(
-        "persson", "Persson's multiscale theory with a pressure cap", _persson, "theory",
+        "persson",
+        "Persson's multiscale theory with a pressure cap",
+        _persson,
+        "theory",
         has_fields=False,
     ),
     Method(
-        "bem", "FFT boundary elements with a pressure cap", _bem, "bem",
-        steps="on_step", memory=_grid_bytes, load=partial(_warm_up, _bem, 128),
+        "bem",
+        "FFT boundary elements with a pressure cap",
+        _bem,
+        "bem",
+        steps="on_step",
+        memory=_grid_bytes,
+        load=partial(_warm_up, _bem, 128),
     ),
     Method(
-        "fem", "finite elements, elastic, with a pressure cap or with J2 flow", _fem, "fem",
-        has_model_measures=True, steps="output", memory=_block_bytes,
+        "fem",
+        "finite elements, elastic, with a pressure cap or with J2 flow",
+        _fem,
+        "fem",
+        has_model_measures=True,
+        steps="output",
+        memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
     ),
-)  # fmt: skip
+)
 _PEERS = tuple(
     Method(
         name,
@@ -282,10 +335,17 @@ _PEERS = tuple(
     )
 )
 _CALCULIX = Method(
-    "calculix", "the public code CalculiX, on the block of fem", _calculix, "fem",
-    has_model_measures=True, memory=_block_bytes, program="ccx",
-)  # fmt: skip
-_USERS = tuple(_of_user(e.name, e.value) for e in entry_points(group="epcontact.methods"))
+    "calculix",
+    "the public code CalculiX, on the block of fem",
+    _calculix,
+    "fem",
+    has_model_measures=True,
+    memory=_block_bytes,
+    program="ccx",
+)
+_USERS = tuple(
+    _of_user(e.name, e.value) for e in entry_points(group="epcontact.methods")
+)
 
 #: Every method by its name.
 METHODS: dict[str, Method] = {
@@ -300,7 +360,9 @@ REPLACED = "bem"
 
 
 def solver_named(text: str) -> Method:
-    """Return what `--solver` names: a method, [NAME=]MODULE:FUNCTION or [NAME=]COMMAND."""
+    """Return what `--solver` names: a method, [NAME=]MODULE:FUNCTION or
+    [NAME=]COMMAND.
+    """
     if text in METHODS:
         return METHODS[text]
     named = re.match(r"([^\s:{=]*)=", text)
@@ -313,7 +375,9 @@ def solver_named(text: str) -> Method:
             f"and {{result}}, or the name of a method{nearest(text, METHODS)}"
         )
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        raise InvalidCase(f"--solver {text}: {name!r} is no name for a method; use letters")
+        raise InvalidCase(
+            f"--solver {text}: {name!r} is no name for a method; use letters"
+        )
     if name in METHODS:
         raise InvalidCase(
             f"--solver {text}: there is a method {name!r} already; give another name, as in "

@@ -34,17 +34,23 @@ class Answered:
         return {}
 
     def once(self, make: Callable[[Answered], Made]) -> Made:
-        """Return make(self), which is called once for all quantities that ask for it."""
+        """Return make(self), which is called once for all quantities that ask for
+        it.
+        """
         if make not in self._made:
             self._made[make] = make(self)
         made: Made = self._made[make]
         return made
 
     def field(self, name: str) -> FloatArray:
-        """A field on the grid of the scene.  Raises InvalidCase if the result has none."""
+        """A field on the grid of the scene.  Raises InvalidCase if the result has
+        none.
+        """
         values, shape = self.result.fields.get(name), self.scene.surface.shape
         if values is None:
-            raise InvalidCase(f"{self.result.method} gives no field {name!r} for a gate")
+            raise InvalidCase(
+                f"{self.result.method} gives no field {name!r} for a gate"
+            )
         if np.shape(values) != shape:
             given = f"{self.result.method} gives a {name} of shape {np.shape(values)}"
             raise InvalidCase(f"{given} on a grid of {shape}")
@@ -57,21 +63,33 @@ class Answered:
 
     @property
     def distribution(self) -> PressureDistribution:
-        """The distribution of the pressures.  Raises InvalidCase if the result has none."""
+        """The distribution of the pressures.  Raises InvalidCase if the result has
+        none.
+        """
         if self.result.distribution is None:
-            raise InvalidCase(f"{self.result.method} gives no pressure distribution for a gate")
+            raise InvalidCase(
+                f"{self.result.method} gives no pressure distribution for a gate"
+            )
         return self.result.distribution
 
     @property
     def height_scale(self) -> float:
-        """The rms height in m, or what p0 sinks a cell of the grid by if the surface is flat."""
+        """The rms height in m, or what p0 sinks a cell of the grid by if the surface is
+        flat.
+        """
         surface = self.scene.surface
-        sunk = self.load_scale * max(surface.spacing) / effective_modulus(self.scene.material)
+        sunk = (
+            self.load_scale
+            * max(surface.spacing)
+            / effective_modulus(self.scene.material)
+        )
         return surface.rms_height or sunk
 
     @property
     def load_scale(self) -> float:
-        """The last mean pressure p0 in Pa, or the largest of the path if it ends without load."""
+        """The last mean pressure p0 in Pa, or the largest of the path if it ends
+        without load.
+        """
         return self.scene.load.final or max(self.scene.load.path)
 
     @property
@@ -81,7 +99,9 @@ class Answered:
 
     @property
     def unloads(self) -> bool:
-        """True if the path unloads a capped body, which keeps its plastic displacement."""
+        """True if the path unloads a capped body, which keeps its plastic
+        displacement.
+        """
         capped = math.isfinite(self.scene.material.hardness)
         return capped and not self.flows and not self.scene.load.non_decreasing
 
@@ -92,10 +112,14 @@ class Answered:
 
     @cached_property
     def displacement(self) -> FloatArray:
-        """The elastic displacement that the pressures cause, in m; half-space: of zero mean."""
+        """The elastic displacement that the pressures cause, in m; half-space: of zero
+        mean.
+        """
         p = self.pressure
         modes = np.fft.rfft(p)
-        if p.ndim == 2:  # in place: another array of modes would take longer than its transform
+        if (
+            p.ndim == 2
+        ):  # in place: another array of modes would take longer than its transform
             np.fft.fft(modes, axis=0, out=modes)
         modes *= compliance(self.scene)
         if p.ndim == 2:
@@ -104,12 +128,13 @@ class Answered:
 
     @cached_property
     def open_gap(self) -> tuple[FloatArray, Any]:
-        """The gap in m over the surface that the load meets, and the mask where it must be zero.
+        """The gap in m over the surface that the load meets, and the mask where it must
+        be zero.
 
-        The mask is that of elastic contact, over which the gap's mean is zero.  Without any, the
-        highest gap of the flowing points is zero, or the lowest of all where nothing touches.
-        After a path that unloads, the surface is the one that the reported plastic displacement
-        has left, and all contact is elastic.
+        The mask is that of elastic contact, over which the gap's mean is zero.  Without
+        any, the highest gap of the flowing points is zero, or the lowest of all where
+        nothing touches. After a path that unloads, the surface is the one that the
+        reported plastic displacement has left, and all contact is elastic.
         """
         heights, touching = self.scene.surface.heights, self.pressure > 0
         if self.unloads:

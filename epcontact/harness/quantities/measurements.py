@@ -1,4 +1,6 @@
-"""Quantities that are measured of the surface, the fields and the interface with numpy alone."""
+"""Quantities that are measured of the surface, the fields and the interface with numpy
+alone.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from epcontact.harness.quantities.registry import quantity
 from epcontact.reference import roughness
 from epcontact.results import APART, ELASTIC, PLASTIC
 
-# --- the surface: another seed, or the surface turned round, would change these ------------------
+# --- the surface: another seed, or the surface turned round, would change these
+# ------------------
 
 
 @quantity("m", needs=())
@@ -46,7 +49,9 @@ def surface_skewness(a: Answered) -> float:
 
 def _summit(a: Answered) -> tuple[int, ...]:
     heights = a.scene.surface.heights
-    return tuple(int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape))
+    return tuple(
+        int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape)
+    )
 
 
 @quantity("–", needs=(), name="surface_summit_{}", each={"x": "x", "y": "y"})
@@ -66,7 +71,8 @@ def surface_curvature(a: Answered) -> float:
     return float(np.mean(curvatures))
 
 
-# --- the fields and the distribution -------------------------------------------------------------
+# --- the fields and the distribution
+# -------------------------------------------------------------
 
 
 @quantity("–")
@@ -90,8 +96,8 @@ def measured_gap(a: Answered) -> float:
     """largest violation of the contact conditions (Karush-Kuhn-Tucker) over the rms height:
     |g| where 0 < p < hardness, -g where p = 0, g where p = hardness.
 
-    After a path that unloads, the surface is the one that the reported plastic displacement has
-    left, on which every contact is elastic.
+    After a path that unloads, the surface is the one that the reported plastic
+    displacement has left, on which every contact is elastic.
     """
     p, (gap, touching) = a.pressure, a.open_gap
     wrong = [
@@ -130,15 +136,16 @@ def smallest_contact_pressure(a: Answered) -> float:
     return float(a.pressure[touching].min()) if touching.any() else 0.0
 
 
-# --- the interface under load --------------------------------------------------------------------
+# --- the interface under load
+# --------------------------------------------------------------------
 
 _KINDS = {
     "": "in the limit of a vanishing grid spacing",
     ".raw": "as the grid's own points have it",
     ".error": "the estimated absolute error of the limit",
 }
-#: How far a grid of four points a shortest wave was off one of 32: the median, and nine in ten, of
-#: 48 rough surfaces.
+#: How far a grid of four points a shortest wave was off one of 32: the median, and nine
+#: in ten, of 48 rough surfaces.
 _NUMBERS = {
     "total": "total contact; no claim: 4 points a shortest wave are off by 7 %, one in ten by 18 %",
     "elastic": "elastic contact; no claim: a coarse grid breaks its seams, or does not see them",
@@ -153,11 +160,15 @@ Limit = Callable[[Answered], interface.Limit]
 
 
 def _limit(unit: str) -> Callable[[Limit], Limit]:
-    """Add three quantities: what a function of an answered scene returns, raw, and its error."""
+    """Add three quantities: what a function of an answered scene returns, raw, and its
+    error.
+    """
 
     def add(measure: Limit) -> Limit:
         def of_kind(a: Answered, kind: str) -> float:
-            return float(getattr(a.once(measure), kind.removeprefix(".") or "corrected"))
+            return float(
+                getattr(a.once(measure), kind.removeprefix(".") or "corrected")
+            )
 
         of_kind.__doc__ = f"{(measure.__doc__ or '').removesuffix('.')}, {{}}."
         quantity(unit, name=f"{measure.__name__}{{}}", each=_KINDS)(of_kind)
@@ -184,13 +195,21 @@ def stiffness_unloading(a: Answered) -> interface.Limit:
 
 @_limit("1/m")
 def conductance(a: Answered) -> interface.Limit:
-    """contact conductance per nominal area times the sum of the bodies' resistivities."""
-    return interface.contact_conductance(a.scene, a.result, 1.0, a.once(stiffness_unloading))
+    """contact conductance per nominal area times the sum of the bodies'
+    resistivities.
+    """
+    return interface.contact_conductance(
+        a.scene, a.result, 1.0, a.once(stiffness_unloading)
+    )
 
 
 def _patches(a: Answered, part: str) -> Any:
     state = a.field("state")
-    masks = {"total": state != APART, "elastic": state == ELASTIC, "plastic": state == PLASTIC}
+    masks = {
+        "total": state != APART,
+        "elastic": state == ELASTIC,
+        "plastic": state == PLASTIC,
+    }
     return interface.patches(masks[part]).areas
 
 
@@ -207,21 +226,30 @@ def largest_patch(a: Answered, part: str) -> float:
 
 
 def _closeness(a: Answered) -> Any:
-    p, gap, height = a.pressure, a.field("gap"), np.ptp(a.scene.surface.heights) or a.height_scale
+    p, gap, height = (
+        a.pressure,
+        a.field("gap"),
+        np.ptp(a.scene.surface.heights) or a.height_scale,
+    )
     if "plastic_displacement" in a.result.fields and not a.flows:
         gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
-    # At the hardness all pressures are equal, and the points that have flowed furthest are closest.
+    # At the hardness all pressures are equal, and the points that have flowed furthest
+    # are closest.
     loose = (p <= 0) | (a.at_the_cap & (not a.flows))
     return p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
 
 
 @_limit("–")
 def contact_percolation(a: Answered) -> interface.Limit:
-    """share of the nominal area, the closest points first, that first connects across a period."""
+    """share of the nominal area, the closest points first, that first connects across a
+    period.
+    """
     return interface.percolation_share(_closeness(a))
 
 
 @_limit("–")
 def gap_percolation(a: Answered) -> interface.Limit:
-    """share of the nominal area, the widest gaps first, that first connects across a period."""
+    """share of the nominal area, the widest gaps first, that first connects across a
+    period.
+    """
     return interface.percolation_share(-_closeness(a))

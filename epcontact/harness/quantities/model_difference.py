@@ -1,9 +1,10 @@
 """The difference between J2 flow and a pressure cap on one body.
 
-The boundary elements use the surface compliance of the finite-element block, as measured by
-`fem_check.surface_compliance`.  Both bodies then have the same heights, load and linear answer to
-every pressure wave, so grid and depth cancel and the rest of the difference is physics, not error.
-Gates read it as quantity.model_*, quantity.effective_* and quantity.elements_*.
+The boundary elements use the surface compliance of the finite-element block, as
+measured by `fem_check.surface_compliance`.  Both bodies then have the same heights,
+load and linear answer to every pressure wave, so grid and depth cancel and the rest of
+the difference is physics, not error. Gates read it as quantity.model_*,
+quantity.effective_* and quantity.elements_*.
 """
 
 from __future__ import annotations
@@ -26,14 +27,16 @@ from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 
-#: Relative width at which the search for a ratio stops: the area moves by less than a node.
+#: Relative width at which the search for a ratio stops: the area moves by less than a
+#: node.
 _SEARCHED_TO = 1e-4
-#: Largest contact area at which an effective hardness says something of the material.  Beyond it
-#: nearly every node touches, and the cap of equal area is hardly more than the mean pressure.
+#: Largest contact area at which an effective hardness says something of the material.
+#: Beyond it nearly every node touches, and the cap of equal area is hardly more than
+#: the mean pressure.
 _SATURATED = 0.9
-#: Parts of an error that are a change between two solves of first order, and count this much.  Two
-#: solves cannot show their order: three times the change is the grid convergence index of two grids
-#: (Roache 1994, Journal of Fluids Engineering 116, 405).
+#: Parts of an error that are a change between two solves of first order, and count this
+#: much.  Two solves cannot show their order: three times the change is the grid
+#: convergence index of two grids (Roache 1994, Journal of Fluids Engineering 116, 405).
 _TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 
 
@@ -41,11 +44,12 @@ _TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 class EffectiveHardness:
     """The cap at which the capped body has the contact area of the J2 body.
 
-    `ratio` is c_eff = hardness/sigma_Y, infinite if even the elastic body has at least that area;
-    `severity` E* xi/sigma_Y; `area` the raw contact area of the J2 body; `at_cap` the difference of
-    the two bodies under that cap.  `parts` are those of the ratio's error: the effect of half a
-    "node" in the area and, each from a second solve that differs in one thing, the change from a
-    "grid" twice as coarse, from a "depth" of three quarters, and from half as many load "steps".
+    `ratio` is c_eff = hardness/sigma_Y, infinite if even the elastic body has at least
+    that area; `severity` E* xi/sigma_Y; `area` the raw contact area of the J2 body;
+    `at_cap` the difference of the two bodies under that cap.  `parts` are those of the
+    ratio's error: the effect of half a "node" in the area and, each from a second solve
+    that differs in one thing, the change from a "grid" twice as coarse, from a "depth"
+    of three quarters, and from half as many load "steps".
     """
 
     ratio: float
@@ -56,7 +60,9 @@ class EffectiveHardness:
 
     @property
     def meaningless(self) -> str:
-        """The sentence that says why the contact is too full for a ratio; empty if it is not."""
+        """The sentence that says why the contact is too full for a ratio; empty if it
+        is not.
+        """
         if self.area <= _SATURATED:
             return ""
         return (
@@ -66,7 +72,9 @@ class EffectiveHardness:
 
     @property
     def error(self) -> float:
-        """The error of the ratio, meant to cover in 95 of 100 scenes; see `combined`."""
+        """The error of the ratio, meant to cover in 95 of 100 scenes; see
+        `combined`.
+        """
         return combined(self.parts)
 
     def __str__(self) -> str:
@@ -74,25 +82,33 @@ class EffectiveHardness:
         at_cap = self.at_cap
         return self.meaningless or (
             f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
-            f"(by {parts})" + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
+            f"(by {parts})"
+            + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
         )
 
 
 def combined(parts: Mapping[str, float]) -> float:
-    """Return the root of the sum of the squares of an error's parts, each times its factor.  Such
-    bars of 57 of 60 small scenes hold the ratio of a fine grid (tests/test_crosscheck.py)."""
-    return math.hypot(*(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()))
+    """Return the root of the sum of the squares of an error's parts, each times its
+    factor.  Such bars of 57 of 60 small scenes hold the ratio of a fine grid
+    (tests/test_crosscheck.py).
+    """
+    return math.hypot(
+        *(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items())
+    )
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | None:
-    """Return the compliance (m/Pa, as `bem.solve` takes it) of the block of elements that answered.
-    None if the body is the half-space itself, as that of volume integrals.  Raises InvalidCase if
-    the result does not describe its block."""
+    """Return the compliance (m/Pa, as `bem.solve` takes it) of the block of elements
+    that answered. None if the body is the half-space itself, as that of volume
+    integrals.  Raises InvalidCase if the result does not describe its block.
+    """
     options = result.provenance.options
     if options.get("compliance") == "half_space":
         return None
     # A layer's depth is the scene's own.
-    names = ("layers", "first_layer") + (("depth",) if scene.body.kind == "half_space" else ())
+    names = ("layers", "first_layer") + (
+        ("depth",) if scene.body.kind == "half_space" else ()
+    )
     if missing := [name for name in names if name not in options]:
         raise InvalidCase(
             f"the result of {result.method} does not say its block's {missing[0]}, so the "
@@ -102,14 +118,22 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | Non
     return np.asarray(fem_check.surface_compliance(scene, **block))
 
 
-def capped_body(scene: Scene, hardness: float, compliance: FloatArray | None) -> ContactResult:
-    """Solve by boundary elements under a cap (Pa) on a compliance (None: the exact one)."""
+def capped_body(
+    scene: Scene, hardness: float, compliance: FloatArray | None
+) -> ContactResult:
+    """Solve by boundary elements under a cap (Pa) on a compliance (None: the exact
+    one).
+    """
     material = replace(scene.material, hardness=hardness)
-    return bem.solve(replace(scene, material=material), compliance=compliance, threads=1)
+    return bem.solve(
+        replace(scene, material=material), compliance=compliance, threads=1
+    )
 
 
 def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
-    """Find the cap of equal area by bisection; its error is the effect of half a node."""
+    """Find the cap of equal area by bisection; its error is the effect of half a
+    node.
+    """
     wanted, material = j2.final.areas["raw"].total, scene.material
     compliance = elements_compliance(scene, j2)
     severity = effective_modulus(material) * rms_slope(scene) / material.yield_stress
@@ -128,14 +152,17 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
 
     def passed(target: float) -> float:
         """The ratio at which the area, which falls with the ratio, passes a target."""
-        last = next(k for k, ratio in enumerate(ratios) if k and area_at(ratio) <= target)
+        last = next(
+            k for k, ratio in enumerate(ratios) if k and area_at(ratio) <= target
+        )
         a, b = ratios[last - 1], ratios[last]
         while b - a > _SEARCHED_TO * b:
             middle = math.sqrt(a * b)
             a, b = (middle, b) if area_at(middle) > target else (a, middle)
         return math.sqrt(a * b)
 
-    # The area jumps by whole nodes: both ends of the interval with the wanted area are searched.
+    # The area jumps by whole nodes: both ends of the interval with the wanted area are
+    # searched.
     half_a_node = 0.5 / scene.surface.heights.size
     low, high = (passed(wanted + half) for half in (half_a_node, -half_a_node))
     cap = (low + high) / 2 * material.yield_stress
@@ -144,7 +171,8 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
     return EffectiveHardness((low + high) / 2, severity, wanted, at_cap, parts)
 
 
-# --- the quantities: each solve is made once for all that need it --------------------------------
+# --- the quantities: each solve is made once for all that need it
+# --------------------------------
 
 _J2, _J2_AND_CAP = ("fields", "J2 flow"), ("fields", "J2 flow", "hardness")
 _MODEL = {
@@ -163,7 +191,11 @@ _EFFECTIVE = {
 def model(a: Answered, part: str) -> float:
     """{}."""
     found = difference(a.result, a.once(_capped), a.scene.material.hardness)
-    return {"area": found.area, "overlap": found.overlap, "distance": found.wasserstein}[part]
+    return {
+        "area": found.area,
+        "overlap": found.overlap,
+        "distance": found.wasserstein,
+    }[part]
 
 
 @quantity("–", _J2, "effective_{}", each=_EFFECTIVE)
@@ -175,11 +207,13 @@ def effective(a: Answered, part: str) -> float:
 
 @quantity("–")
 def elements_pressure(a: Answered) -> float:
-    """L2 difference of the pressures, elastic or capped, from those of boundary elements on the
-    compliance of the elements, over their L2 norm.
+    """L2 difference of the pressures, elastic or capped, from those of boundary
+    elements on the compliance of the elements, over their L2 norm.
     """
     if (law := a.result.provenance.options.get("law")) == "j2":
-        raise InvalidCase("the law of the elements is j2, but their own body has a linear law")
+        raise InvalidCase(
+            "the law of the elements is j2, but their own body has a linear law"
+        )
     hardness = a.scene.material.hardness if law == "capped" else math.inf
     own = capped_body(a.scene, hardness, elements_compliance(a.scene, a.result))
     return l2_distance(a.result.fields["pressure"], own.fields["pressure"])
@@ -192,13 +226,17 @@ def elements_area(a: Answered) -> float:
     It is the effect of the finite-element grid, an error that falls with the spacing.
     """
     hardness = a.scene.material.hardness
-    return difference(a.once(_capped), capped_body(a.scene, hardness, None), hardness).area
+    return difference(
+        a.once(_capped), capped_body(a.scene, hardness, None), hardness
+    ).area
 
 
 def _require_j2(a: Answered) -> None:
     if not a.flows:
         law = a.result.provenance.options.get("law")
-        raise InvalidCase(f"the law of the elements is {law}, but a model gate needs j2")
+        raise InvalidCase(
+            f"the law of the elements is {law}, but a model gate needs j2"
+        )
 
 
 def _capped(a: Answered) -> ContactResult:
@@ -209,7 +247,9 @@ def _capped(a: Answered) -> ContactResult:
 
 
 def _effective(a: Answered) -> tuple[float, Difference]:
-    """Return c_eff, and the difference from the body under that cap; raise if there is none."""
+    """Return c_eff, and the difference from the body under that cap; raise if there is
+    none.
+    """
     _require_j2(a)
     found = hardness_of_equal_area(a.scene, a.result)
     if found.meaningless:

@@ -1,8 +1,10 @@
-"""The registry of quantities: every scalar that a gate can read, with its unit and meaning.
+"""The registry of quantities: every scalar that a gate can read, with its unit and
+meaning.
 
-Methods *report* the quantities of `reported.csv`.  The harness itself *measures* the others
-in the process that solved the scene, so that no solver checks itself.  To add one, write a function
-of an answered scene; its name is that of the quantity, its docstring the meaning:
+Methods *report* the quantities of `reported.csv`.  The harness itself *measures* the
+others in the process that solved the scene, so that no solver checks itself.  To add
+one, write a function of an answered scene; its name is that of the quantity, its
+docstring the meaning:
 
     @quantity("–")
     def measured_force(a: Answered) -> float:
@@ -29,9 +31,9 @@ from epcontact.scene import Scene
 class Quantity:
     """A scalar that a gate can read.
 
-    `unit` is "–" if it has none.  What the quantity `needs` is checked before anything is solved:
-    "fields" and "J2 flow" of the method, and a finite "hardness" of the scene.  `measure` is None
-    if methods report the quantity.
+    `unit` is "–" if it has none.  What the quantity `needs` is checked before anything
+    is solved: "fields" and "J2 flow" of the method, and a finite "hardness" of the
+    scene.  `measure` is None if methods report the quantity.
     """
 
     name: str
@@ -44,26 +46,36 @@ class Quantity:
 #: A method from outside the package may report unlisted quantities of these groups.
 REPORTED_GROUPS = ("quantity.", "residual.", "iterations.", "cost.")
 
-#: Every quantity by its name, such as `QUANTITIES["area.total.raw"]`; the measured ones are here
-#: once the package `quantities` is imported.
+#: Every quantity by its name, such as `QUANTITIES["area.total.raw"]`; the measured ones
+#: are here once the package `quantities` is imported.
 QUANTITIES: dict[str, Quantity] = {}
-with files("epcontact.harness.quantities").joinpath("reported.csv").open(encoding="utf-8") as _rows:
+with (
+    files("epcontact.harness.quantities")
+    .joinpath("reported.csv")
+    .open(encoding="utf-8") as _rows
+):
     for _name, _unit, _meaning in list(csv.reader(_rows))[1:]:
         _needs = ("fields",) if _name.startswith("field.") else ()
         QUANTITIES[_name] = Quantity(_name, _unit, _meaning, _needs)
 
 
 def quantity(
-    unit: str, needs: tuple[str, ...] = ("fields",), name: str = "", each: Mapping[str, str] = {}
+    unit: str,
+    needs: tuple[str, ...] = ("fields",),
+    name: str = "",
+    each: Mapping[str, str] = {},
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
     """Add a measured quantity: a function, whose docstring begins with the meaning.
 
-    With `each`, a table of words and texts, there is one quantity for each word, which is the
-    function's second argument: {} in `name` becomes the word, and {} in the meaning its text.
+    With `each`, a table of words and texts, there is one quantity for each word, which
+    is the function's second argument: {} in `name` becomes the word, and {} in the
+    meaning its text.
     """
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:
-        meaning = " ".join((measure.__doc__ or "").partition("\n\n")[0].split()).removesuffix(".")
+        meaning = " ".join(
+            (measure.__doc__ or "").partition("\n\n")[0].split()
+        ).removesuffix(".")
         for word, text in each.items() or [("", "")]:
             full = f"quantity.{(name or measure.__name__).format(word)}"
             one = (lambda a, word=word: measure(a, word)) if each else measure
@@ -79,7 +91,8 @@ def claim_of(name: str) -> str:
     return error if error in QUANTITIES else ""
 
 
-# --- reading -------------------------------------------------------------------------------------
+# --- reading
+# -------------------------------------------------------------------------------------
 
 
 def scalar_quantities(result: ContactResult) -> dict[str, float]:
@@ -95,7 +108,9 @@ def scalar_quantities(result: ContactResult) -> dict[str, float]:
 
 
 def read_quantity(result: ContactResult, name: str) -> float:
-    """Return the scalar called `name` at the last load step of a result, or raise InvalidCase."""
+    """Return the scalar called `name` at the last load step of a result, or raise
+    InvalidCase.
+    """
     known = scalar_quantities(result)
     if name not in known:
         has = ", ".join(sorted(known))
@@ -104,7 +119,8 @@ def read_quantity(result: ContactResult, name: str) -> float:
 
 
 def measured(name: str, answered: Answered) -> float:
-    """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its closed form.
+    """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its
+    closed form.
 
     Raises InvalidCase if the result lacks what the quantity needs.
     """
@@ -122,7 +138,9 @@ def measured(name: str, answered: Answered) -> float:
         raise InvalidCase(f"{name}: {error}") from error
 
 
-def measure_all(names: Collection[str], scene: Scene, result: ContactResult) -> dict[str, float]:
+def measure_all(
+    names: Collection[str], scene: Scene, result: ContactResult
+) -> dict[str, float]:
     """Measure quantities of a result with its fields; common solves run once."""
     answered = Answered(scene, result)
     return {name: measured(name, answered) for name in names}

@@ -1,10 +1,12 @@
 """The verdict, and how a case is judged: every gate, on the answers of its methods.
 
-A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its surface or
-a solver is missing, and is in *error* if a method gave no answer that a gate needs.
+A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its
+surface or a solver is missing, and is in *error* if a method gave no answer that a gate
+needs.
 
-`Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema verdict`).
-Version 1 of the schema may gain keys; no key is renamed, removed or given another meaning.
+`Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema
+verdict`). Version 1 of the schema may gain keys; no key is renamed, removed or given
+another meaning.
 """
 
 from __future__ import annotations
@@ -41,7 +43,11 @@ from epcontact.harness.gates import (
     judge_distance,
     unjudged,
 )
-from epcontact.harness.quantities.registry import claim_of, read_quantity, scalar_quantities
+from epcontact.harness.quantities.registry import (
+    claim_of,
+    read_quantity,
+    scalar_quantities,
+)
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.made import Made
 from epcontact.harness.verdict.read_back import digest_of
@@ -58,10 +64,12 @@ class MethodEntry(Record):
     reused: int
     errors: list[str]
     seconds: dict[str, Number] = Field(
-        default={}, description="of each solve, by surface; of one that is reused, when it was made"
+        default={},
+        description="of each solve, by surface; of one that is reused, when it was made",
     )
     counts: dict[str, Number] = Field(
-        default={}, description="the work of all surfaces: FFT pairs, iterations, unknowns"
+        default={},
+        description="the work of all surfaces: FFT pairs, iterations, unknowns",
     )
 
 
@@ -69,7 +77,9 @@ class CaseVerdict(Record):
     """One case and its gates."""
 
     id: str
-    family: str = Field(default="", description="the case file, which may hold several cases")
+    family: str = Field(
+        default="", description="the case file, which may hold several cases"
+    )
     size: str
     scene: str = Field(default="", description="SHA-256 of the scenes of its answers")
     status: Literal["holds", "falls short", "error", "skipped"]
@@ -79,16 +89,21 @@ class CaseVerdict(Record):
     methods: dict[str, MethodEntry]
     gates: list[GateVerdict]
     not_judged: list[str] = Field(
-        default=[], description="the gates that this size leaves out or that the case omits"
+        default=[],
+        description="the gates that this size leaves out or that the case omits",
     )
     _case: Case | None = PrivateAttr(default=None)
     _answers: Mapping[str, Answer] = PrivateAttr(default_factory=dict)
 
     @property
     def case(self) -> Case:
-        """The case that was judged.  Raises InvalidCase if this was read from a file."""
+        """The case that was judged.  Raises InvalidCase if this was read from a
+        file.
+        """
         if self._case is None:
-            raise InvalidCase(f"{self.id}: a verdict that was read from a file has no case")
+            raise InvalidCase(
+                f"{self.id}: a verdict that was read from a file has no case"
+            )
         return self._case
 
     @property
@@ -98,9 +113,16 @@ class CaseVerdict(Record):
 
     @property
     def unread_errors(self) -> list[str]:
-        """The errors of methods that no gate reads; they make the case an error as well."""
+        """The errors of methods that no gate reads; they make the case an error as
+        well.
+        """
         read = {name for gate in self.gates for name in (gate.of, gate.against)}
-        return [e for name, entry in self.methods.items() if name not in read for e in entry.errors]
+        return [
+            e
+            for name, entry in self.methods.items()
+            if name not in read
+            for e in entry.errors
+        ]
 
 
 class Verdict(Record):
@@ -113,19 +135,32 @@ class Verdict(Record):
     versions: dict[str, str] = Field(
         description="of the packages that made the results; several, if results were reused"
     )
-    made: Made | None = Field(default=None, description="when, where and by which sources")
+    made: Made | None = Field(
+        default=None, description="when, where and by which sources"
+    )
     cases: list[CaseVerdict]
-    digest: str = Field(default="", description="SHA-256 of the verdict and of its answers")
+    digest: str = Field(
+        default="", description="SHA-256 of the verdict and of its answers"
+    )
 
     @classmethod
     def read(cls, file: Path, alone: bool = False) -> Verdict:
-        """Read a verdict.json, alone if no answer is there.  Raises OutputError if any changed."""
+        """Read a verdict.json, alone if no answer is there.  Raises OutputError if any
+        changed.
+        """
         content = read_bytes(file)
-        with contextlib.suppress(KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        with contextlib.suppress(
+            KeyError, TypeError, ValueError, AttributeError, RecursionError
+        ):
             found = json.loads(content)
-            if digest_of(found, file.parent) in {found["digest"], alone and found["digest"][:64]}:
+            if digest_of(found, file.parent) in {
+                found["digest"],
+                alone and found["digest"][:64],
+            }:
                 return cls.model_validate(found)
-        why = "it or an answer beside it was changed, moved or written by another version"
+        why = (
+            "it or an answer beside it was changed, moved or written by another version"
+        )
         raise OutputError(f"cannot read {file}: {why}; run verify again")
 
     @property
@@ -134,11 +169,17 @@ class Verdict(Record):
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     @classmethod
-    def on(cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None) -> Verdict:
-        """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on an error."""
+    def on(
+        cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None
+    ) -> Verdict:
+        """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on
+        an error.
+        """
         statuses = {case.status for case in cases}
         exit_code: Any = 2 if ERROR in statuses else 1 if FALLS_SHORT in statuses else 0
-        used: dict[str, set[str]] = defaultdict(set)  # maybe by older versions than this run's
+        used: dict[str, set[str]] = defaultdict(
+            set
+        )  # maybe by older versions than this run's
         answers = (answer for case in cases for answer in case.answers.values())
         for result in (result for answer in answers for result in answer.results):
             for name, version in result.provenance.versions.items():
@@ -156,20 +197,31 @@ class Verdict(Record):
 
 
 def tightest(gates: Iterable[GateVerdict]) -> GateVerdict | None:
-    """Return the gate that could not be judged or is nearest to its band's end; None if no gate."""
-    return min(gates, key=lambda gate: (not math.isnan(gate.margin), gate.margin), default=None)
+    """Return the gate that could not be judged or is nearest to its band's end; None if
+    no gate.
+    """
+    return min(
+        gates, key=lambda gate: (not math.isnan(gate.margin), gate.margin), default=None
+    )
 
 
 def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
     """Judge every gate of a case on the answers of its methods."""
     answers = {} if case.skip else answers
     gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
-    told = [{"kind": kind_of(case, gate), "subject": subject_of(case, gate)} for gate in case.gates]
-    gates = [gate.model_copy(update=said) for gate, said in zip(gates, told, strict=False)]
+    told = [
+        {"kind": kind_of(case, gate), "subject": subject_of(case, gate)}
+        for gate in case.gates
+    ]
+    gates = [
+        gate.model_copy(update=said) for gate, said in zip(gates, told, strict=False)
+    ]
     statuses = {gate.status for gate in gates}
     if any(answer.errors for answer in answers.values()):
         statuses.add(ERROR)  # also of a method that no gate reads
-    worst = next((status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS)
+    worst = next(
+        (status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS
+    )
     judged = CaseVerdict(
         id=case.id,
         family=case_name(case.path),
@@ -191,7 +243,9 @@ def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
                 },
                 counts={
                     name: math.fsum(result.cost.get(name, 0.0) for result in a.results)
-                    for name in sorted({name for result in a.results for name in result.cost})
+                    for name in sorted(
+                        {name for result in a.results for name in result.cost}
+                    )
                     if name not in ("seconds", "peak_memory_bytes")
                 },
             )
@@ -211,7 +265,9 @@ def _scenes(answers: Mapping[str, Answer]) -> str:
 
 
 def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
-    needed = [m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods]
+    needed = [
+        m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods
+    ]
     if failed := [sentence for m in needed for sentence in answers[m].errors]:
         return unjudged(gate, _joined(failed))
     for method in needed:
@@ -230,7 +286,9 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
             return judge_distance(gate, _read(of, name))
         value = _read(of, gate.quantity)
         paired = against is not None and len(value) > 1 and of.labels == against.labels
-        judged = judge(gate, value, _references(case, gate, against), paired, _claim(gate, answers))
+        judged = judge(
+            gate, value, _references(case, gate, against), paired, _claim(gate, answers)
+        )
         return judged.model_copy(
             update={
                 "value": _claiming(gate, judged.value, of),
@@ -254,15 +312,21 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
     return [gate.against]
 
 
-def _claiming(gate: Gate, found: Estimate | None, answer: Answer | None) -> Estimate | None:
-    """Return the mean of an answer's values with that of the errors which they claim."""
+def _claiming(
+    gate: Gate, found: Estimate | None, answer: Answer | None
+) -> Estimate | None:
+    """Return the mean of an answer's values with that of the errors which they
+    claim.
+    """
     error = claim_of(gate.quantity)
     if found is None or answer is None or not error:
         return found
     if any(error not in scalar_quantities(result) for result in answer.results):
         return found
     claim = fmean(_read(answer, error))
-    return found.model_copy(update={"claimed_error": math.inf if math.isnan(claim) else claim})
+    return found.model_copy(
+        update={"claimed_error": math.inf if math.isnan(claim) else claim}
+    )
 
 
 def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
@@ -276,7 +340,8 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
         for side in sides
         if all(error in scalar_quantities(result) for result in side.results)
     ]
-    # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite one.
+    # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite
+    # one.
     found = [math.inf if math.isnan(c) else c for c in claims if c != 0]
     claim = min(found, default=None)
     if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
@@ -285,20 +350,32 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
         name = error.replace(".error", f".{source}_error")
         if gate.quantity.startswith("quantity."):
             name = f"{gate.quantity}_error_by_{source}"
-        having = [side for side in sides if all(name in scalar_quantities(r) for r in side.results)]
-        if len(having) == 1:  # two answers on one map or under one effective hardness share it
+        having = [
+            side
+            for side in sides
+            if all(name in scalar_quantities(r) for r in side.results)
+        ]
+        if (
+            len(having) == 1
+        ):  # two answers on one map or under one effective hardness share it
             claim = math.hypot(claim or 0.0, fmean(_read(having[0], name)))
     return claim
 
 
 def _counts_points(side: Answer) -> bool:
-    """True if the areas follow from pressures at the surface's points: with boundary elements and
-    all solvers from outside their errors are those of one grid, and not independent."""
-    return all(r.method == "bem" or "solver" in r.provenance.options for r in side.results)
+    """True if the areas follow from pressures at the surface's points: with boundary
+    elements and all solvers from outside their errors are those of one grid, and not
+    independent.
+    """
+    return all(
+        r.method == "bem" or "solver" in r.provenance.options for r in side.results
+    )
 
 
 def _joined(sentences: Sequence[str]) -> str:
-    """Join sentences "method, surface: reason" in one line that states each reason once."""
+    """Join sentences "method, surface: reason" in one line that states each reason
+    once.
+    """
     by_reason: dict[str, list[str]] = defaultdict(list)
     for sentence in dict.fromkeys(sentences):
         where, _, reason = sentence.partition(": ")
@@ -309,7 +386,9 @@ def _joined(sentences: Sequence[str]) -> str:
     )
 
 
-def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> list[float]:
+def _distances(
+    case: Case, gate: Gate, of: Answer, against: Answer | None
+) -> list[float]:
     others: list[PressureDistribution | None]
     if against is None:
         form = CLOSED_FORMS[str(gate.against)]
@@ -325,5 +404,7 @@ def _distances(case: Case, gate: Gate, of: Answer, against: Answer | None) -> li
     for mine, other in zip(of.results, others, strict=True):
         if mine.distribution is None or other is None:
             raise EpcontactError(f"{gate.name}: a method gave no pressure distribution")
-        distances.append(distance(gate.norm, mine.distribution, other, case.material.hardness))
+        distances.append(
+            distance(gate.norm, mine.distribution, other, case.material.hardness)
+        )
     return distances

@@ -1,4 +1,6 @@
-"""The first screen of the report: what was verified by what evidence, and what was not."""
+"""The first screen of the report: what was verified by what evidence, and what was
+not.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,13 @@ def overview(verdict: Verdict) -> dict[str, Any]:
         "kinds": {kind: KINDS.get(kind, "") for kind in kinds},
         "matrix": {
             subject: [
-                _cell([(c, g) for c, g in judged if (g.subject, g.kind) == (subject, kind)])
+                _cell(
+                    [
+                        (c, g)
+                        for c, g in judged
+                        if (g.subject, g.kind) == (subject, kind)
+                    ]
+                )
                 for kind in kinds
             ]
             for subject in subjects
@@ -38,7 +46,9 @@ def overview(verdict: Verdict) -> dict[str, Any]:
         "references": references(verdict),
         "families": families,
         "uncovered": [one for name, one in QUANTITIES.items() if name not in known],
-        "experiments": {} if any(g.kind == "experiment" for _, g in judged) else EXPERIMENTS,
+        "experiments": {}
+        if any(g.kind == "experiment" for _, g in judged)
+        else EXPERIMENTS,
     }
 
 
@@ -51,15 +61,21 @@ def references(verdict: Verdict) -> str:
 
 
 def _row(judged: Iterable[_Judged]) -> dict[str, Any]:
-    """Return how many gates there are and hold, and the one nearest to its band's end."""
+    """Return how many gates there are and hold, and the one nearest to its band's
+    end.
+    """
     found = list(judged)
     nearest = tightest(gate for _, gate in found)
     row = {"gates": len(found), "held": sum(gate.holds for _, gate in found)}
-    return row | ({"margin": margin_text(nearest), "nearest": nearest.name} if nearest else {})
+    return row | (
+        {"margin": margin_text(nearest), "nearest": nearest.name} if nearest else {}
+    )
 
 
 def _cell(judged: list[_Judged]) -> dict[str, Any]:
-    """Return the row of a cell, with its cases, each with its own worst margin there."""
+    """Return the row of a cell, with its cases, each with its own worst margin
+    there.
+    """
     if not judged:
         return {}
     statuses = {gate.status for _, gate in judged}
@@ -70,7 +86,9 @@ def _cell(judged: list[_Judged]) -> dict[str, Any]:
 
 
 def margin_text(gate: GateVerdict) -> str:
-    """Return a margin in words: that of rounding is "exact", and what was not judged has none."""
+    """Return a margin in words: that of rounding is "exact", and what was not judged
+    has none.
+    """
     if math.isnan(gate.margin):
         return "–"
     return "exact" if gate.margin > 1000 else f"{gate.margin:.3g}"

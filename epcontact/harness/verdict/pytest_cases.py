@@ -1,8 +1,9 @@
-"""Case files as tests of pytest: one item for each gate; see `epcontact.harness.pytest_plugin`.
+"""Case files as tests of pytest: one item for each gate; see
+`epcontact.harness.pytest_plugin`.
 
-The methods of a case run once, in the set-up of the first of its gates, so `pytest --durations`
-and a JUnit file show their time there.  `pytest -n 2 --dist loadscope` gives all gates of a case to
-one worker.
+The methods of a case run once, in the set-up of the first of its gates, so `pytest
+--durations` and a JUnit file show their time there.  `pytest -n 2 --dist loadscope`
+gives all gates of a case to one worker.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ class CaseModule(pytest.File):
                     require_gate(case)
                 yield CaseGates.from_parent(self, name=text.id, case=case)
 
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+    def repr_failure(
+        self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None
+    ) -> Any:
         """Return the one sentence of an unreadable case file instead of a traceback."""
         if isinstance(excinfo.value, EpcontactError):
             return str(excinfo.value)
@@ -64,7 +67,9 @@ class CaseGates(pytest.Collector):
         config: Any = self.config
         folder = config.getoption("--case-output")
         output = Path(folder) if folder else config._tmp_path_factory.mktemp("results")
-        jobs = 1 if "PYTEST_XDIST_WORKER" in os.environ else None  # the workers are enough
+        jobs = (
+            1 if "PYTEST_XDIST_WORKER" in os.environ else None
+        )  # the workers are enough
         return verify(self.case, size=self.case.size, output=output, jobs=jobs).cases[0]
 
 
@@ -78,7 +83,9 @@ class GateItem(pytest.Item):
         self.number = number
 
     def setup(self) -> None:
-        """Solve the case, unless an earlier gate did; skip the gate where that is impossible."""
+        """Solve the case, unless an earlier gate did; skip the gate where that is
+        impossible.
+        """
         if self.parent.verdict.skipped_because:
             pytest.skip(self.parent.verdict.skipped_because)
 
@@ -92,7 +99,9 @@ class GateItem(pytest.Item):
         if verdict.unread_errors:
             raise GateFellShort("; ".join(verdict.unread_errors))
 
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+    def repr_failure(
+        self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None
+    ) -> Any:
         """Return the gate's sentence instead of a traceback."""
         if isinstance(excinfo.value, GateFellShort | EpcontactError):
             return str(excinfo.value)

@@ -1,8 +1,10 @@
-"""Read back what a verification has written: figures that contradict each other are an error.
+"""Read back what a verification has written: figures that contradict each other are an
+error.
 
-`require_faithful` reads verdict.json and the answers as a user's script would: every gate is judged
-again from the figures beside its status, every case and the whole from their gates, every value,
-difference and interval from the members of the answers, by code that nothing else uses.
+`require_faithful` reads verdict.json and the answers as a user's script would: every
+gate is judged again from the figures beside its status, every case and the whole from
+their gates, every value, difference and interval from the members of the answers, by
+code that nothing else uses.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ FILES = ("verdict.json", "junit.xml", "report.html")
 
 
 def require_faithful(folder: Path) -> None:
-    """Raise OutputError, and remove the verdict, if the files of a folder contradict each other."""
+    """Raise OutputError, and remove the verdict, if the files of a folder contradict
+    each other.
+    """
     if wrong := contradictions(json.loads(read_bytes(folder / "verdict.json")), folder):
         withdraw(folder)
         said = f"what was written in {folder} contradicts itself, so the verdict is withdrawn"
@@ -42,13 +46,23 @@ def withdraw(folder: Path) -> None:
 
 
 def digest_of(verdict: Data, folder: Path) -> str:
-    """Return the SHA-256 of a verdict, and that of the answers on which it rests if any is here."""
-    own = hashlib.sha256(to_json({k: part for k, part in verdict.items() if k != "digest"}))
+    """Return the SHA-256 of a verdict, and that of the answers on which it rests if any
+    is here.
+    """
+    own = hashlib.sha256(
+        to_json({k: part for k, part in verdict.items() if k != "digest"})
+    )
     answers = b""
     for case in verdict["cases"]:
         here = folder / case["id"] / case["size"]
-        for path in (here / f"{name}.json" for name, m in case["methods"].items() if m["surfaces"]):
-            answers += hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b""
+        for path in (
+            here / f"{name}.json"
+            for name, m in case["methods"].items()
+            if m["surfaces"]
+        ):
+            answers += (
+                hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b""
+            )
     return own.hexdigest() + (hashlib.sha256(answers).hexdigest() if answers else "")
 
 
@@ -62,7 +76,11 @@ def contradictions(verdict: Data, folder: Path) -> list[str]:
 
 def _contradictions(verdict: Data, folder: Path) -> Iterator[str]:
     for case in verdict["cases"]:
-        wrong, here, answers = [*_case_errors(case)], folder / case["id"] / case["size"], {}
+        wrong, here, answers = (
+            [*_case_errors(case)],
+            folder / case["id"] / case["size"],
+            {},
+        )
         for name, method in case["methods"].items():
             if method["surfaces"]:
                 answers[name] = json.loads(read_bytes(here / f"{name}.json"))
@@ -80,7 +98,9 @@ def _contradictions(verdict: Data, folder: Path) -> Iterator[str]:
 
 def _worst(statuses: Iterable[str]) -> str:
     found = set(statuses)
-    return next((status for status in ("error", "falls short") if status in found), "holds")
+    return next(
+        (status for status in ("error", "falls short") if status in found), "holds"
+    )
 
 
 def _case_errors(case: Data) -> Iterator[str]:
@@ -97,16 +117,25 @@ def _case_errors(case: Data) -> Iterator[str]:
 def _status(gate: Data) -> str:
     if "difference" not in gate:
         return "error"
-    mean, scatter = (float(gate["difference"][name]) for name in ("mean", "half_width_95"))
+    mean, scatter = (
+        float(gate["difference"][name]) for name in ("mean", "half_width_95")
+    )
     half_width = math.hypot(scatter, float(gate.get("grid_error", 0.0)))
     above = float(gate["low"]) <= mean - half_width
-    return "holds" if above and mean + half_width <= float(gate["high"]) else "falls short"
+    return (
+        "holds" if above and mean + half_width <= float(gate["high"]) else "falls short"
+    )
 
 
 def _gate_errors(gate: Data, answers: Mapping[str, Data]) -> Iterator[str]:
-    """Compute the difference of a gate on a scalar again, with its interval, from the members."""
+    """Compute the difference of a gate on a scalar again, with its interval, from the
+    members.
+    """
     of, against = answers[gate["of"]], answers.get(str(gate["against"]))
-    values, references = _values(of, gate["quantity"]), [float(gate["reference"]["mean"])]
+    values, references = (
+        _values(of, gate["quantity"]),
+        [float(gate["reference"]["mean"])],
+    )
     if against is not None:
         references = _values(against, gate["quantity"])
     a, b, relative = fmean(values), fmean(references), gate["norm"] == "relative"
@@ -124,8 +153,12 @@ def _gate_errors(gate: Data, answers: Mapping[str, Data]) -> Iterator[str]:
         width = math.hypot(_half_width(values), slope * _half_width(references)) / scale
         found = (a, _deviation(a, b, relative), width)
     names = ("value", "difference", "95 % interval")
-    shown = (gate["value"]["mean"], *(gate["difference"][k] for k in ("mean", "half_width_95")))
-    # A difference of two sums has lost digits: what is left of them is that of its terms.
+    shown = (
+        gate["value"]["mean"],
+        *(gate["difference"][k] for k in ("mean", "half_width_95")),
+    )
+    # A difference of two sums has lost digits: what is left of them is that of its
+    # terms.
     lost = _ROUNDING * (1.0 if relative else max(map(abs, (*values, *references))))
     for name, theirs, mine in zip(names, shown, found, strict=True):
         if not _equal(theirs, mine, lost):
@@ -161,7 +194,9 @@ def _values(answer: Data, quantity: str) -> list[float]:
     }
     values = []
     for member in answer["members"]:
-        found: Any = {"cost": member["cost"]} if group == "cost" else member["steps"][-1]
+        found: Any = (
+            {"cost": member["cost"]} if group == "cost" else member["steps"][-1]
+        )
         for key in places.get(group, quantity.split(".")):
             found = found[key]
         values.append(float(found))

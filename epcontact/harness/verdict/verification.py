@@ -14,7 +14,16 @@ from math import fsum
 from pathlib import Path
 from typing import Any
 
-from junitparser import Error, Failure, JUnitXml, Properties, Property, Skipped, TestCase, TestSuite
+from junitparser import (
+    Error,
+    Failure,
+    JUnitXml,
+    Properties,
+    Property,
+    Skipped,
+    TestCase,
+    TestSuite,
+)
 
 from epcontact.errors import InvalidCase, OutputError, nearest, printable
 from epcontact.files import refusal, whole_file, write_json
@@ -31,7 +40,12 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
 from epcontact.harness.verdict import read_back
-from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict, judge_case
+from epcontact.harness.verdict.judgement import (
+    SKIPPED,
+    CaseVerdict,
+    Verdict,
+    judge_case,
+)
 from epcontact.harness.verdict.made import Made
 from epcontact.scene import listed
 
@@ -56,24 +70,25 @@ def verify(
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
 
     Args:
-        cases: a name, a path or a loaded case, or several of them; None or empty: the cases of a
-            bare `epcontact verify`.  A file with variants means all of them.
-        run: how the cases are solved, see `Run`; or its attributes as keywords: `output`, `jobs`,
-            `executor`, `fresh`, `fields`, `precision` and `progress`.
+        cases: a name, a path or a loaded case, or several of them; None or empty: the
+            cases of a bare `epcontact verify`.  A file with variants means all of them.
+        run: how the cases are solved, see `Run`; or its attributes as keywords:
+            `output`, `jobs`, `executor`, `fresh`, `fields`, `precision` and `progress`.
         size: the size at which names and paths are loaded.
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
-            `harness.methods.foreign`), which replaces the boundary elements in every gate, under
-            its own name.
-        finish: called with the verdict while no other run may write into the folder; an error of
-            it withdraws the verdict.
+            `harness.methods.foreign`), which replaces the boundary elements in every
+            gate, under its own name.
+        finish: called with the verdict while no other run may write into the folder; an
+            error of it withdraws the verdict.
         judged: called with each case as soon as all its solves are done.
 
     Returns:
         The verdict.  `verdict.cases[i].answers` holds the results in memory.
 
     Raises:
-        InvalidCase, InvalidScene: if a case or the solver cannot be read, or an option is none.
-        OutputError: if a file cannot be written, or does not say what was judged.
+        InvalidCase, InvalidScene: if a case or the solver cannot be read, or an option
+        is none. OutputError: if a file cannot be written, or does not say what was
+        judged.
 
     Example:
         >>> import tempfile
@@ -103,16 +118,24 @@ def verify(
                 (run.folder / f"{EARLIER}{name}").unlink()
         try:
             finish(verdict)
-        except BaseException:  # the caller ends in an error, and the verdict would not say so
+        except (
+            BaseException
+        ):  # the caller ends in an error, and the verdict would not say so
             read_back.withdraw(run.folder)
             raise
     return verdict
 
 
-def _with_solver(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Method]]:
-    """Return loaded cases, with a solver in the place of the boundary elements, and all methods."""
+def _with_solver(
+    cases: Any, size: str, solver: str
+) -> tuple[list[Case], dict[str, Method]]:
+    """Return loaded cases, with a solver in the place of the boundary elements, and all
+    methods.
+    """
     methods = dict(METHODS)
-    named = [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
+    named = (
+        [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
+    )
     loaded = _loaded(named or cases_to_verify(size), size)
     if solver:
         stand_in = solver_named(solver)
@@ -128,7 +151,9 @@ def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Ca
     named: list[CaseText | Case] = []
     for case in cases:
         if not isinstance(case, str | Path | CaseText | Case):
-            raise InvalidCase(f"cases has {case!r:.60}, but must be names, paths or loaded cases")
+            raise InvalidCase(
+                f"cases has {case!r:.60}, but must be names, paths or loaded cases"
+            )
         named += find_named(case) if isinstance(case, str | Path) else [case]
     loaded = load_cases(named, size)
     for given, one in zip(named, loaded, strict=True):
@@ -138,7 +163,9 @@ def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Ca
 
 
 def require_gate(case: Case) -> None:
-    """Raise InvalidCase if a case has no gate to judge, which would pass for one that holds."""
+    """Raise InvalidCase if a case has no gate to judge, which would pass for one that
+    holds.
+    """
     if not case.gates and not case.skip:
         raise InvalidCase(
             f"{case.path}: {case.id} has no gate to judge; add a table [[gate]], or verify = false "
@@ -152,34 +179,46 @@ def cases_to_verify(size: str) -> list[CaseText]:
         raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
     cases = find_cases()
     if not cases:
-        raise InvalidCase("no cases found, neither in ./cases nor in the installed package")
+        raise InvalidCase(
+            "no cases found, neither in ./cases nor in the installed package"
+        )
     offered = [case for case in cases if size in case.sizes]
     loaded = [*zip(offered, load_cases(offered, size), strict=True)]
     for case in (case for _, case in loaded if case.head.verify and case.sweep is None):
         require_gate(case)
-    return [text for text, case in loaded if case.head.verify and (case.gates or case.skip)]
+    return [
+        text for text, case in loaded if case.head.verify and (case.gates or case.skip)
+    ]
 
 
 def _in_place(case: Case, name: str) -> Case:
-    """Return the case with another method instead of the boundary elements, unless it names it."""
+    """Return the case with another method instead of the boundary elements, unless it
+    names it.
+    """
     if name in case.methods:
         return case
 
     def named(method: Any) -> Any:
         return name if method == REPLACED else method
 
-    gates = (replace(gate, of=named(gate.of), against=named(gate.against)) for gate in case.gates)
+    gates = (
+        replace(gate, of=named(gate.of), against=named(gate.against))
+        for gate in case.gates
+    )
     options = {named(m): {} if m == REPLACED else o for m, o in case.options.items()}
     methods = tuple(map(named, case.methods))
     return case.changed(methods=methods, options=options, gates=tuple(gates))
 
 
-# --- the files -----------------------------------------------------------------------------------
+# --- the files
+# -----------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Keep others of this machine out of a folder, which is made, and removed if it stays empty."""
+    """Keep others of this machine out of a folder, which is made, and removed if it
+    stays empty.
+    """
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     with contextlib.ExitStack() as stack:
         try:
@@ -203,10 +242,13 @@ def only_writer(folder: Path) -> Iterator[None]:
 
 
 def set_verdict_aside(folder: Path) -> None:
-    """Rename the verdict of an earlier run, which would pass for that of a run that breaks off.  It
-    stays, with `EARLIER` before its name, until there is a new one."""
+    """Rename the verdict of an earlier run, which would pass for that of a run that
+    breaks off.  It stays, with `EARLIER` before its name, until there is a new one.
+    """
     for path in (folder / name for name in read_back.FILES):
-        if path.is_file():  # what else has that name is refused when the file is written
+        if (
+            path.is_file()
+        ):  # what else has that name is refused when the file is written
             try:
                 path.replace(path.with_name(f"{EARLIER}{path.name}"))
             except OSError as error:
@@ -230,8 +272,9 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
 
 @contextlib.contextmanager
 def signed_again(folder: Path) -> Iterator[None]:
-    """Sign the verdict of a folder for the answers that are written meanwhile, if it was signed for
-    those before and its figures are those of the new ones."""
+    """Sign the verdict of a folder for the answers that are written meanwhile, if it
+    was signed for those before and its figures are those of the new ones.
+    """
     verdict = None
     with contextlib.suppress(OutputError):
         verdict = Verdict.read(folder / "verdict.json")
@@ -244,17 +287,25 @@ def _suite(case: CaseVerdict) -> TestSuite:
     suite = TestSuite(case.id)
     kinds = {ERROR: Error, FALLS_SHORT: Failure}
     tests: list[tuple[str, Any, str]] = [
-        (gate.name, kinds.get(gate.status), gate.error or str(gate)) for gate in case.gates
+        (gate.name, kinds.get(gate.status), gate.error or str(gate))
+        for gate in case.gates
     ]
-    tests += [("a method that no gate reads", Error, words) for words in case.unread_errors]
+    tests += [
+        ("a method that no gate reads", Error, words) for words in case.unread_errors
+    ]
     if case.status == SKIPPED:
         tests = [(case.requirement, Skipped, case.skipped_because)]
     # As in pytest, the first gate that reads a method waits for its solves.
     left = {name: fsum(entry.seconds.values()) for name, entry in case.methods.items()}
-    waits = [fsum(left.pop(str(m), 0.0) for m in (g.of, g.against)) for g in case.gates] or [0.0]
+    waits = [
+        fsum(left.pop(str(m), 0.0) for m in (g.of, g.against)) for g in case.gates
+    ] or [0.0]
     waits[0] += fsum(left.values())
-    for (name, kind, words), wait in zip(tests, chain(waits, repeat(0.0)), strict=False):
-        # XML has no word for most control characters: names and messages show them as escapes.
+    for (name, kind, words), wait in zip(
+        tests, chain(waits, repeat(0.0)), strict=False
+    ):
+        # XML has no word for most control characters: names and messages show them as
+        # escapes.
         test = TestCase(printable(name), classname=case.id, time=wait)
         test.result = [kind(printable(words))] if kind else []
         suite.add_testcase(test)

@@ -24,19 +24,29 @@ def pressure_distribution(
     hardness: float = np.inf,
     theory: pd.DataFrame | None = None,
 ) -> Chart:
-    """Figure 5 of the paper: the probability density of the contact pressure, by each method.
+    """Figure 5 of the paper: the probability density of the contact pressure, by each
+    method.
 
-    Draws the mean over the results of each method, one for each surface, and marks the hardness
-    (Pa).  `theory` has densities by formula in the columns series, PRESSURE and DENSITY; one with
-    the name of a method replaces that method's binned pressures.  The delta functions at zero
-    pressure and at the hardness cannot be drawn; the legend names the area at the hardness.
+    Draws the mean over the results of each method, one for each surface, and marks the
+    hardness (Pa).  `theory` has densities by formula in the columns series, PRESSURE
+    and DENSITY; one with the name of a method replaces that method's binned pressures.
+    The delta functions at zero pressure and at the hardness cannot be drawn; the legend
+    names the area at the hardness.
     """
-    known = {m: [r.distribution for r in each if r.distribution] for m, each in results.items()}
+    known = {
+        m: [r.distribution for r in each if r.distribution]
+        for m, each in results.items()
+    }
     found = {method: each for method, each in known.items() if each}
     exact = {} if theory is None else dict(list(theory.groupby("series", sort=False)))
-    tables = {m: exact.get(m, _mean_density(m, each)) for m, each in found.items()} | exact
+    tables = {
+        m: exact.get(m, _mean_density(m, each)) for m, each in found.items()
+    } | exact
     table = pd.concat(tables.values())
-    areas = {method: float(np.mean([t.plastic for t in each])) for method, each in found.items()}
+    areas = {
+        method: float(np.mean([t.plastic for t in each]))
+        for method, each in found.items()
+    }
     how = {method: "" if method in exact else "counted " for method in found}
     top = hardness if np.isfinite(hardness) else float(table[PRESSURE].max())
     scale, unit = unit_for(top, "Pa")
@@ -48,7 +58,9 @@ def pressure_distribution(
         (PRESSURE, rf"contact pressure $\sigma$ ({unit})"),
         (DENSITY, rf"density $P(\sigma)$ (1/{unit})"),
         styles=dict.fromkeys(exact, "curve"),
-        labels={m: f"{m} ({how[m]}plastic area {a:.4g})" for m, a in areas.items() if a > 0},
+        labels={
+            m: f"{m} ({how[m]}plastic area {a:.4g})" for m, a in areas.items() if a > 0
+        },
         scale=(scale, 1 / scale),
         limits={"xlim": (0, 1.04 * top / scale), "ylim": (0, None)},
         upright=upright,
@@ -59,13 +71,17 @@ def pressure_distribution(
         "are not drawn."
     )
     chart = draw_table(table, plot, caption)
-    return replace(chart, header=("series", PRESSURE, DENSITY, "low_per_Pa", "high_per_Pa"))
+    return replace(
+        chart, header=("series", PRESSURE, DENSITY, "low_per_Pa", "high_per_Pa")
+    )
 
 
 def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
     """The dimensionless residual of each method against its iterations, logarithmic."""
     tables = [
-        pd.DataFrame({"series": method, "iterations": range(np.size(values)), "residual": values})
+        pd.DataFrame(
+            {"series": method, "iterations": range(np.size(values)), "residual": values}
+        )
         for method, values in histories.items()
     ]
     most = max(map(np.size, histories.values()), default=1)
@@ -78,8 +94,10 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
 def pressure_density(
     distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density P(sigma) in each:
-    a difference of cumulative areas (1/Pa), so that their sum is exactly the elastic area."""
+    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density
+    P(sigma) in each: a difference of cumulative areas (1/Pa), so that their sum is
+    exactly the elastic area.
+    """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
     area = np.interp(edges, pressure, np.concatenate([[0.0], distribution.cumulative]))

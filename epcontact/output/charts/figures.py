@@ -1,8 +1,8 @@
 """A chart is a picture, its data and a caption, which are saved together or not at all.
 
-Figures are made without pyplot, so that no window can open, and threads or a user's own matplotlib
-session are not affected.  Matplotlib is imported where it is used, because its import takes longer
-than most commands.
+Figures are made without pyplot, so that no window can open, and threads or a user's own
+matplotlib session are not affected.  Matplotlib is imported where it is used, because
+its import takes longer than most commands.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Chart:
-    """A picture (a matplotlib Figure of no pyplot session) with its data and its caption."""
+    """A picture (a matplotlib Figure of no pyplot session) with its data and its
+    caption.
+    """
 
     figure: Figure
     header: Sequence[str]  # names of the columns, with their units
@@ -35,8 +37,8 @@ class Chart:
     caption: str
 
     def __post_init__(self) -> None:
-        # The layout is computed once: repeated at every drawing it shifts, and the same chart
-        # would give different bytes.
+        # The layout is computed once: repeated at every drawing it shifts, and the same
+        # chart would give different bytes.
         with styled():
             self.figure.draw_without_rendering()
             self.figure.set_layout_engine("none")
@@ -58,8 +60,9 @@ class Chart:
         return text.getvalue()
 
     def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise OutputError.  If
-        one of them cannot be written, none is."""
+        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise
+        OutputError.  If one of them cannot be written, none is.
+        """
         contents = {".png": self.png(), ".svg": self.svg(), ".csv": self.csv().encode()}
         contents[".txt"] = f"{self.caption}\n".encode()
         paths = [Path(f"{stem}{end}") for end in contents]
@@ -81,14 +84,21 @@ def styled() -> Iterator[None]:
     """Apply the style's settings within a block, and restore the caller's after it."""
     import matplotlib as mpl
 
-    # The user's settings file is ignored, and so is the backend: reading it imports pyplot.
-    defaults: Any = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")}
+    # The user's settings file is ignored, and so is the backend: reading it imports
+    # pyplot.
+    defaults: Any = {
+        k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")
+    }
     with mpl.rc_context(defaults | dict(SETTINGS)):
         yield
 
 
-def new_figure(width: float, height: float, columns: int = 1) -> tuple[Figure, NDArray[Any]]:
-    """Make a figure with `columns` axes side by side, in inches.  Call it inside `styled()`."""
+def new_figure(
+    width: float, height: float, columns: int = 1
+) -> tuple[Figure, NDArray[Any]]:
+    """Make a figure with `columns` axes side by side, in inches.  Call it inside
+    `styled()`.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -98,9 +108,10 @@ def new_figure(width: float, height: float, columns: int = 1) -> tuple[Figure, N
 
 
 def logarithmic(axes: Any, name: str) -> None:
-    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are drawn.  It
-    has ticks at 1, 2 and 5 on a short range and at decades otherwise, because the labels of all
-    minor ticks would overlap."""
+    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are
+    drawn.  It has ticks at 1, 2 and 5 on a short range and at decades otherwise,
+    because the labels of all minor ticks would overlap.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{name}scale": "log"})

@@ -1,8 +1,9 @@
-"""Charts of fields: contact from above, two methods compared, a line in profile, convergence maps.
+"""Charts of fields: contact from above, two methods compared, a line in profile,
+convergence maps.
 
-They need only matplotlib, so they work on machines that cannot draw in three dimensions.
-It is imported where it is used, because its import takes longer than most commands.  Arrays are
-[x, y]; pictures show x to the right and y upward.
+They need only matplotlib, so they work on machines that cannot draw in three
+dimensions. It is imported where it is used, because its import takes longer than most
+commands.  Arrays are [x, y]; pictures show x to the right and y upward.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from epcontact.output.charts.style import STATE_COLOURS, STATE_NAMES, typeset, u
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
-#: Most points along the longer side of a drawn field; finer grids are drawn with a stride.
+#: Most points along the longer side of a drawn field; finer grids are drawn with a
+#: stride.
 POINTS = 2048
 
 
@@ -33,13 +35,17 @@ def contact_map(
     hardness: float = np.inf,
     caption: str = "",
 ) -> Chart:
-    """Figure 3 of the paper, from above: the contact state and the pressure side by side."""
+    """Figure 3 of the paper, from above: the contact state and the pressure side by
+    side.
+    """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
     top = hardness if np.isfinite(hardness) else float(np.max(pressure))
     shares = {kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)}
-    colours = ListedColormap([STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)])
+    colours = ListedColormap(
+        [STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)]
+    )
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
         show_field(left, state, spacing, cmap=colours, vmin=APART, vmax=PLASTIC)
@@ -49,10 +55,14 @@ def contact_map(
         left.set_title("contact state (shares of grid points)")
         right.set_title("contact pressure")
         handles = [
-            Patch(facecolor=STATE_COLOURS[kind], edgecolor="#555555", linewidth=0.6,
-                  label=f"{STATE_NAMES[kind]} {100 * share:.2f} %")
+            Patch(
+                facecolor=STATE_COLOURS[kind],
+                edgecolor="#555555",
+                linewidth=0.6,
+                label=f"{STATE_NAMES[kind]} {100 * share:.2f} %",
+            )
             for kind, share in shares.items()
-        ]  # fmt: skip
+        ]
         figure.legend(handles=handles, loc="outside lower center", ncols=3)
     rows = [(STATE_NAMES[kind], share) for kind, share in shares.items()]
     rows.append(("mean_pressure_Pa", float(np.mean(pressure, dtype=np.float64))))
@@ -61,15 +71,19 @@ def contact_map(
 
 
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
-    """The contact map of the fields in a .vti file, or the profile of a line.  Raises OutputError
-    if the file cannot be read or holds no contact."""
+    """The contact map of the fields in a .vti file, or the profile of a line.  Raises
+    OutputError if the file cannot be read or holds no contact.
+    """
     file = read_fields(path)
     fields = {name: file.field(name) for name in ("state", "pressure", "gap")}
     return map_of(fields, file.spacing, file.hardness, caption)
 
 
 def map_of(
-    fields: Mapping[str, NDArray[Any]], spacing: tuple[float, ...], hardness: float, caption: str
+    fields: Mapping[str, NDArray[Any]],
+    spacing: tuple[float, ...],
+    hardness: float,
+    caption: str,
 ) -> Chart:
     """The contact map of fields, or the profile of a line."""
     state, pressure, gap = (fields[name] for name in ("state", "pressure", "gap"))
@@ -79,17 +93,22 @@ def map_of(
 
 
 def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
-    """Draw the lines in .vti files, each as a profile, all in the scales of the largest."""
+    """Draw the lines in .vti files, each as a profile, all in the scales of the
+    largest.
+    """
     files = [read_fields(source) for source in sources]
-    deepest, top = (max(float(f.field(n).max()) for f in files) for n in ("gap", "pressure"))
+    deepest, top = (
+        max(float(f.field(n).max()) for f in files) for n in ("gap", "pressure")
+    )
     for f in files:
         state, pressure, gap = (f.field(name) for name in ("state", "pressure", "gap"))
         yield contact_profile(state, pressure, gap, f.spacing, tops=(deepest, top))
 
 
 def save_map(source: Path, target: Path) -> None:
-    """Draw the contact map of a .vti file to a .png, or to all files of a chart.  Raises
-    OutputError if a file cannot be read or written."""
+    """Draw the contact map of a .vti file to a .png, or to all files of a chart.
+    Raises OutputError if a file cannot be read or written.
+    """
     chart = map_of_file(source)
     if target.suffix == ".png":
         write_bytes(target, chart.png())
@@ -104,7 +123,9 @@ def pressure_difference(
     *,
     names: tuple[str, str] = ("BEM", "FE"),
 ) -> Chart:
-    """The pressures (Pa) of two methods side by side, in one scale, with their difference."""
+    """The pressures (Pa) of two methods side by side, in one scale, with their
+    difference.
+    """
     top = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
     most = float(np.max(np.abs(difference)))
@@ -140,30 +161,47 @@ def contact_profile(
     caption: str = "",
     tops: tuple[float, float] | None = None,
 ) -> Chart:
-    """A line contact: the deformed profile under the rigid flat, and the pressure.  The axes end at
-    `tops`, a gap (m) and a pressure (Pa), by default the largest."""
+    """A line contact: the deformed profile under the rigid flat, and the pressure.  The
+    axes end at `tops`, a gap (m) and a pressure (Pa), by default the largest.
+    """
     x, depth = np.arange(state.size) * spacing[0], np.maximum(gap, 0.0)
     deepest, top = tops or (float(np.max(depth)), float(np.max(pressure)))
     across, length_unit = unit_for(state.size * spacing[0], "m")
     (up, height_unit), (scale, unit) = unit_for(deepest, "m"), unit_for(top, "Pa")
     with styled():
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
-        left.fill_between(x / across, -depth / up, -1.05 * deepest / up, color="#d9d9d9")
+        left.fill_between(
+            x / across, -depth / up, -1.05 * deepest / up, color="#d9d9d9"
+        )
         for kind in (ELASTIC, PLASTIC):
-            look = {"color": STATE_COLOURS[kind], "label": f"{STATE_NAMES[kind]} contact"}
+            look = {
+                "color": STATE_COLOURS[kind],
+                "label": f"{STATE_NAMES[kind]} contact",
+            }
             bar = {"where": state == kind, "step": "mid", "linewidth": 1.0}
             left.fill_between(x / across, 0.0, 0.04 * deepest / up, **bar, **look)
-        left.set(ylabel=f"height below the flat ({height_unit})", title="profile in contact")
+        left.set(
+            ylabel=f"height below the flat ({height_unit})", title="profile in contact"
+        )
         left.legend(loc="lower right", frameon=True)
         right.fill_between(x / across, pressure / scale, step="mid", color="#0072b2")
         mean = f"contact pressure, mean {float(np.mean(pressure)) / scale:.4g} {unit}"
-        right.set(ylabel=f"pressure ({unit})", ylim=(0, 1.05 * top / scale or None), title=mean)
+        right.set(
+            ylabel=f"pressure ({unit})",
+            ylim=(0, 1.05 * top / scale or None),
+            title=mean,
+        )
         for axes in (left, right):
             axes.margins(x=0)
             axes.set_xlabel(f"x ({length_unit})")
     names = ("x_m", "state", "pressure_Pa", "gap_m")
-    rows = list(zip(*(column.tolist() for column in (x, state, pressure, gap)), strict=True))
-    caption = caption or "A line contact: deformed profile under the rigid flat, and pressure."
+    rows = list(
+        zip(*(column.tolist() for column in (x, state, pressure, gap)), strict=True)
+    )
+    caption = (
+        caption
+        or "A line contact: deformed profile under the rigid flat, and pressure."
+    )
     return Chart(figure, names, rows, caption)
 
 
@@ -176,8 +214,10 @@ def stability_map(
     count: str,
     caption: str,
 ) -> Chart:
-    """A map for each method of the parameters at which it converges, and of its effort.  An effort
-    has the shape (len(x), len(y)); NaN means that the method failed there, which a cross shows."""
+    """A map for each method of the parameters at which it converges, and of its effort.
+    An effort has the shape (len(x), len(y)); NaN means that the method failed there,
+    which a cross shows.
+    """
     from matplotlib.colors import LogNorm
 
     across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
@@ -191,7 +231,9 @@ def stability_map(
             look = {"cmap": style.STRESS_MAP, "norm": norm}
             image = axes.imshow(table.T, origin="lower", aspect="auto", **look)
             failed = np.argwhere(~np.isfinite(table))
-            axes.plot(*failed.T, "x", color="#d55e00", markersize=6, markeredgewidth=1.6)
+            axes.plot(
+                *failed.T, "x", color="#d55e00", markersize=6, markeredgewidth=1.6
+            )
             axes.set(title=name, xlabel=typeset(labels[0]))
             axes.grid(False)
             axes.set_xticks(*_few_ticks(across), rotation=45)
@@ -211,15 +253,18 @@ def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
     return places.tolist(), [f"{values[i]:.3g}" for i in places]
 
 
-def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any) -> Any:
-    """Draw a field (nx, ny) as an image with `look`, and return the image.  Where several points
-    share a pixel, colours are averaged and not values, because a state has no mean and a thin
-    contact must remain visible."""
+def show_field(
+    axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any
+) -> Any:
+    """Draw a field (nx, ny) as an image with `look`, and return the image.  Where
+    several points share a pixel, colours are averaged and not values, because a state
+    has no mean and a thin contact must remain visible.
+    """
     step = -(-max(field.shape) // POINTS)
     width, height = periods = np.multiply(field.shape, spacing)
     scale, unit = unit_for(float(periods.max()), "m")
-    # The first grid point is at the origin, each is the centre of its pixel, and the first ones
-    # follow once more, so that the picture is one period.
+    # The first grid point is at the origin, each is the centre of its pixel, and the
+    # first ones follow once more, so that the picture is one period.
     drawn = field[np.ix_(*(np.arange(0, n + step, step) % n for n in field.shape))]
     pixels = list(zip(drawn.shape, spacing, strict=True))
     extent = [edge * step * d / scale for n, d in pixels for edge in (-0.5, n - 0.5)]
@@ -234,7 +279,9 @@ def show_field(axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **loo
 def _show_pressure(
     axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], top: float
 ) -> tuple[Any, str]:
-    """Draw a pressure (Pa) up to `top`, white where there is none; return image and unit."""
+    """Draw a pressure (Pa) up to `top`, white where there is none; return image and
+    unit.
+    """
     scale, unit = unit_for(top, "Pa")
     shown = np.ma.masked_less_equal(np.asarray(pressure, dtype=np.float32) / scale, 0.0)
     look = {"cmap": style.PRESSURE_MAP, "vmin": 0.0, "vmax": top / scale}
