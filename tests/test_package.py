@@ -3,6 +3,7 @@ it.
 """
 
 import ast
+import re
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
@@ -16,7 +17,8 @@ import epcontact
 from epcontact import bem
 
 ROOT = Path(__file__).parent.parent
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = PYPROJECT["project"]
 SOURCES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
     for package in ("epcontact", "fem_check")
@@ -81,15 +83,27 @@ HOMES = {
 
 @pytest.mark.parametrize(("number", "home"), HOMES.items())
 def test_an_equation_has_one_home(number, home):
-    """The function with the formula cites its number first; no other text in the
-    product does.
-    """
-    (found,) = [
-        f"{path} {node.name}"
-        for path, node in NODES
-        if isinstance(node, ast.FunctionDef | ast.ClassDef)
-        and f"{number} of the paper" in (ast.get_docstring(node) or "")[:300]
-    ]
-    assert found.endswith(home)
-    own = number if home else f"{number} of the paper"  # other works have figures, too
-    assert sum(source.count(own) for source in SOURCES.values()) == 1
+    """The function with the formula cites its number first, and no other text does."""
+    citation = f"{number} of the paper"
+    homes = []
+    for path, node in NODES:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            opening = " ".join((ast.get_docstring(node) or "")[:300].split())
+            if citation in opening:
+                homes.append(f"{path} {node.name}")
+    assert len(homes) == 1
+    assert homes[0].endswith(home)
+    # Figures are counted with their source, because other works have figures, too.
+    counted = number if home else citation
+    texts = [" ".join(source.split()) for source in SOURCES.values()]
+    assert sum(text.count(counted) for text in texts) == 1
+
+
+def test_the_page_of_the_package_index_has_no_link_into_the_checkout():
+    hook = PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    for rule in hook["substitutions"]:
+        page = re.sub(rule["pattern"], rule["replacement"], page)
+    targets = re.findall(r"\]\(([^)]+)\)", page)
+    assert len(targets) > 5
+    assert all(target.startswith("https://") for target in targets)
