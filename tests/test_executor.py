@@ -103,7 +103,7 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
         ("bem/inner/cg.py", False),
         ("../fem_check/plasticity.py", False),
         ("scene.py", False),
-        ("harness/interface.py", False),
+        ("interface/percolation.py", False),
         ("winkler.py", False),
         ("harness/quantities/registry.py", False),
         ("output/report.py", True),

@@ -18,6 +18,7 @@ FLOORS = (
     {"epcontact.output"},
     {"epcontact.materials", "epcontact.surfaces", "fem_check"},
     {"epcontact.reference", "epcontact.persson", "epcontact.bem"},
+    {"epcontact.interface"},
     {"epcontact.harness"},
     {"epcontact.planning", "epcontact.studies"},
     {"epcontact.cli"},
@@ -32,7 +33,8 @@ TOKENS = {
     "epcontact.cli": 9_151,
     "epcontact.errors": 339,
     "epcontact.files": 689,
-    "epcontact.harness": 49_709,
+    "epcontact.harness": 47_777,
+    "epcontact.interface": 1_954,
     "epcontact.machine": 1_187,
     "epcontact.materials": 1_642,
     "epcontact.output": 14_801,
@@ -115,7 +117,14 @@ def test_imports_lead_down():
 
 @pytest.mark.parametrize(
     "package",
-    ["", "epcontact.bem", "epcontact.harness", "epcontact.output", "fem_check"],
+    [
+        "",
+        "epcontact.bem",
+        "epcontact.harness",
+        "epcontact.interface",
+        "epcontact.output",
+        "fem_check",
+    ],
 )
 def test_imports_run_in_no_circle(package):
     """Neither those of the modules do, nor those of the folders of a room, each taken

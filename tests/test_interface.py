@@ -16,13 +16,13 @@ from epcontact import (
     Surface,
     bem,
 )
-from epcontact.harness.interface import (
-    contact_conductance,
-    interface_stiffness,
-    patches,
-    percolation_share,
-)
 from epcontact.harness.quantities.registry import measure, measure_all
+from epcontact.interface import (
+    contact_conductance,
+    find_patches,
+    interface_stiffness,
+    percolation_fraction,
+)
 from epcontact.reference.posts import CAPPED_STRIP
 from epcontact.results import APART, ELASTIC
 from epcontact.surfaces import SelfAffine, residual_surface
@@ -221,7 +221,7 @@ def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(touching):
 def test_patches_join_over_the_period(rows, areas, spans):
     mask = np.array([[c == "x" for c in row] for row in rows.split()])
     for turned in (mask, mask.T, np.roll(mask, (1, 2), (0, 1))):
-        found = patches(turned)
+        found = find_patches(turned)
         np.testing.assert_array_equal(found.areas * 16, areas)
         assert found.spans == spans
 
@@ -232,9 +232,12 @@ def test_patches_that_join_over_their_corners_leave_no_way_around_them():
     """
     for seed in range(20):
         mask = np.random.default_rng(seed).uniform(size=(6, 8)) < 0.45
-        apart = patches(~mask)
-        assert patches(mask, diagonals=True).spans or apart.spans
-        assert patches(mask, diagonals=True).areas.size <= patches(mask).areas.size
+        apart = find_patches(~mask)
+        assert find_patches(mask, diagonals=True).spans or apart.spans
+        assert (
+            find_patches(mask, diagonals=True).areas.size
+            <= find_patches(mask).areas.size
+        )
 
 
 def test_what_has_flowed_percolates_in_the_order_of_its_depth():
@@ -260,10 +263,10 @@ def test_percolation_shares_of_a_line_and_of_noise():
     than .5 is to both.
     """
     line = np.arange(8.0)  # connects only if all of it touches
-    assert percolation_share(line) == (1, 1, 0)
-    assert not patches(np.arange(8) > 0).spans
+    assert percolation_fraction(line) == (1, 1, 0)
+    assert not find_patches(np.arange(8) > 0).spans
     field = np.random.default_rng(4).normal(size=(128, 128))
-    for one in map(percolation_share, (field, -field)):
+    for one in map(percolation_fraction, (field, -field)):
         assert one.raw == pytest.approx(0.5927, abs=0.02)
         assert one.corrected == pytest.approx(0.5, abs=0.02)
         assert one.error == pytest.approx(0.0927, abs=0.03)

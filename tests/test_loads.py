@@ -20,9 +20,9 @@ from epcontact import bem, effective_hardness
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.interface import interface_stiffness, patches, percolation_share
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.verdict.judgement import judge_case
+from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
 from epcontact.output.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
@@ -115,10 +115,12 @@ def test_every_load_has_its_own_figures_and_fields(ran):
     loose = answer.fields["state"] != 1
     closest = p / p.max() - np.where(loose, gap / np.ptp(scene.surface.heights), 0.0)
     share = data["members"][0]["steps"][1]["quantities"]["contact_percolation"]
-    limit = percolation_share(closest)
+    limit = percolation_fraction(closest)
     assert share == limit.corrected
     rank = np.argsort(np.argsort(-closest, axis=None)).reshape(closest.shape)
-    assert [patches(rank < limit.raw * rank.size - less).spans for less in (0, 1)] == [
+    assert [
+        find_patches(rank < limit.raw * rank.size - less).spans for less in (0, 1)
+    ] == [
         True,
         False,
     ]

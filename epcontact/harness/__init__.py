@@ -3,7 +3,6 @@
 processes         processes that call functions for this one, and executors that spread calls
 preload           what processes are forked with
 gates             comparisons with a band, intervals of ensembles, distances
-interface         the interface under load: stiffness, conductance, patches
 methods           METHODS: every way to answer a scene, including a user's own
 quantities        QUANTITIES: every figure that a gate can read
 case_files        the tables of a case file, checked, as a Case at one size

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact import bem
-from epcontact.harness.interface import contact_conductance, patches
+from epcontact.interface import contact_conductance, find_patches
 from epcontact.output.charts.figures import new_figure, styled
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import DIFFERENCE_MAP
@@ -59,7 +59,7 @@ def measured(**place: Any) -> dict[str, float]:
         contact_conductance(scene, result, 2.0),
         scene.surface.rms_height * laws.PROFILE,
     )
-    count = patches(result.fields["state"] != APART).areas.size
+    count = find_patches(result.fields["state"] != APART).areas.size
     return {"y": found.corrected * unit, "claim": found.error * unit, "patches": count}
 
 

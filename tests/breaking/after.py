@@ -5,11 +5,11 @@ from scipy.ndimage import label
 from scipy.special import itj0y0
 
 from breaking.fault import Fault, at, changed, given, on_result, quantity
-from epcontact.harness.interface import Limit
+from epcontact.interface import Limit
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.conductance import LAWS
 
-FLOWED, INTERFACE = "epcontact.bem.flow.flowed", "epcontact.harness.interface."
+FLOWED, INTERFACE = "epcontact.bem.flow.flowed", "epcontact.interface."
 
 
 def _deepest(w):
@@ -72,7 +72,7 @@ FAULTS = (
     ),
     Fault(
         "a factor of 2 in the conductance",
-        "harness",
+        "interface",
         on_result(
             INTERFACE + "contact_conductance", lambda k: Limit(*(v / 2 for v in k))
         ),
@@ -81,9 +81,9 @@ FAULTS = (
     ),
     Fault(
         "a correction of the conductance of the wrong sign",
-        "harness",
+        "interface",
         on_result(
-            INTERFACE + "limit_of",
+            INTERFACE + "stiffness.limit_of",
             lambda k: k._replace(corrected=k.raw**2 / k.corrected),
         ),
         "punch-strip",
@@ -91,28 +91,30 @@ FAULTS = (
     ),
     Fault(
         "a contact without its periodic images",
-        "harness",
-        changed(INTERFACE + "compliance", _alone),
+        "interface",
+        changed(INTERFACE + "punch.compliance", _alone),
         "rough-interface",
         "quantity.conductance",
     ),
     Fault(
         "a conductance that claims a tenth of its error",
-        "harness",
-        on_result(INTERFACE + "limit_of", lambda k: k._replace(error=k.error / 10)),
+        "interface",
+        on_result(
+            INTERFACE + "stiffness.limit_of", lambda k: k._replace(error=k.error / 10)
+        ),
         test="tests/test_interface.py::test_claims_cover_the_errors_of_limits",
     ),
     Fault(
         "a conductance of insulating plastic spots",
-        "harness",
-        given(INTERFACE + "carrying", _other_branch),
+        "interface",
+        given(INTERFACE + "stiffness.carrying", _other_branch),
         "rough-interface",
         "quantity.conductance",
     ),
     Fault(
         "the stiffness of the other branch",
-        "harness",
-        given(INTERFACE + "carrying", _other_branch),
+        "interface",
+        given(INTERFACE + "stiffness.carrying", _other_branch),
         "punch-capped",
         "quantity.stiffness_loading",
     ),
@@ -129,8 +131,11 @@ FAULTS = (
     ),
     Fault(
         "patches that do not join over the period",
-        "harness",
-        at(INTERFACE + "_patch_of_points", lambda mask, _: label(mask)[0][mask] - 1),
+        "interface",
+        at(
+            INTERFACE + "percolation._patch_of_points",
+            lambda mask, _: label(mask)[0][mask] - 1,
+        ),
         test="tests/test_interface.py::test_patches_join_over_the_period",
     ),
     Fault(

@@ -27,7 +27,8 @@ from scipy.optimize import least_squares
 import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.gates import estimate
-from epcontact.harness.interface import _patch_of_points, contact_conductance
+from epcontact.interface import contact_conductance
+from epcontact.interface.percolation import _patch_of_points
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.separation import flattened_roughness, mean_separation
 from epcontact.reference import conductance as laws

@@ -1,7 +1,7 @@
 """Measure the constants of stiffness and conductance in the limit of a vanishing
 spacing.
 
-They are `interface.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces
+They are `epcontact.interface.rim.CONSTANTS` and `SMOOTH`.  They are fitted to the kinds of surfaces
 in TAUGHT, and judged on those of `epcontact.studies.areas`, on roughness with its
 ridges along the grid and on unloaded contacts, each on grids of 3 to 16 points a
 shortest wavelength.  The truth is the limit from a finer grid.
@@ -33,14 +33,8 @@ from scipy.optimize import minimize
 from scipy.signal import resample
 
 from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
-from epcontact.harness.interface import (
-    CONSTANTS,
-    SMOOTH,
-    STEP,
-    carrying,
-    limit_of,
-    sinking_and_rim,
-)
+from epcontact.interface.rim import CONSTANTS, SMOOTH, STEP, limit_of
+from epcontact.interface.stiffness import carrying, sinking_and_rim
 from epcontact.reference.posts import FLAT_PUNCH
 from epcontact.studies.areas import KINDS, member, named, roughness
 from epcontact.studies.conductance import joint_scene

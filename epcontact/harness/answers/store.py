@@ -137,7 +137,7 @@ class Answer:
 #: packages does not.
 _SHOWS = {"cli", "planning", "studies", "output", "harness"}
 _MAKES = (
-    *("output/vtk.py", "harness/methods", "harness/quantities", "harness/interface.py"),
+    *("output/vtk.py", "harness/methods", "harness/quantities"),
     *(f"harness/answers/{name}.py" for name in ("loads", "run", "store")),
 )
 _LIBRARIES = ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from epcontact.harness import interface
+from epcontact import interface
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
@@ -210,7 +210,7 @@ def _patches(a: Answered, part: str) -> Any:
         "elastic": state == ELASTIC,
         "plastic": state == PLASTIC,
     }
-    return interface.patches(masks[part]).areas
+    return interface.find_patches(masks[part]).areas
 
 
 @quantity("–", name="{}_patches", each=_NUMBERS)
@@ -244,7 +244,7 @@ def contact_percolation(a: Answered) -> interface.Limit:
     """share of the nominal area, the closest points first, that first connects across a
     period.
     """
-    return interface.percolation_share(_closeness(a))
+    return interface.percolation_fraction(_closeness(a))
 
 
 @_limit("–")
@@ -252,4 +252,4 @@ def gap_percolation(a: Answered) -> interface.Limit:
     """share of the nominal area, the widest gaps first, that first connects across a
     period.
     """
-    return interface.percolation_share(-_closeness(a))
+    return interface.percolation_fraction(-_closeness(a))
