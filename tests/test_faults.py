@@ -13,9 +13,15 @@ from collections import Counter
 import breaking
 import pytest
 from breaking import FAULTS, fails_under, status_under
+from breaking.check import reason_stale
 from breaking.fault import REFUSED
+from breaking.rewrite import StaleFault
 
 from epcontact.harness.gates import HOLDS
+
+#: Fraction of the faults that may be stale: rewriting a function should not stop work
+#: elsewhere, and `python -m breaking --check` lists what is to be mended.
+MOST_STALE = 0.03
 
 #: Tests whose scene is run once for all of them, and for a fault once more.
 SCENE = {
@@ -55,6 +61,20 @@ def as_parameters(faults):
     ]
 
 
+def apply(fault, monkeypatch):
+    """Put a fault in place; skip the test if it no longer fits the code."""
+    try:
+        fault.patch(monkeypatch)
+    except StaleFault as reason:
+        pytest.skip(f"stale: {reason}")
+
+
+def test_nearly_all_faults_fit_the_code():
+    reasons = {name: reason_stale(fault) for name, fault in FAULTS.items()}
+    stale = {name: reason for name, reason in reasons.items() if reason}
+    assert len(stale) <= MOST_STALE * len(FAULTS), stale
+
+
 @pytest.mark.parametrize(
     "fault", as_parameters([f for f in FAULTS.values() if not f.test])
 )
@@ -64,14 +84,14 @@ def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch):
     ):  # the case's own test judges all of its surfaces together
         honest = status_under(fault, tmp_path / "honest")
         assert honest != REFUSED if fault.status == REFUSED else honest == HOLDS
-    fault.patch(monkeypatch)
+    apply(fault, monkeypatch)
     assert status_under(fault, tmp_path / "wrong") == fault.status
 
 
 @pytest.mark.parametrize("fault", as_parameters([f for f in FAULTS.values() if f.test]))
 def test_fault_makes_its_test_fail(fault, tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
-        fault.patch(patched)
+        apply(fault, patched)
         assert fails_under(fault, tmp_path / "tests")
 
 

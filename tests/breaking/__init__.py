@@ -8,16 +8,16 @@ from breaking import (
     boundary,
     elements,
     judging,
-    read,
     references,
     surfaces,
+    table,
     theory,
 )
 from breaking.fault import Fault, fails_under, honest_case, status_under
 
 __all__ = ["FAULTS", "Fault", "fails_under", "honest_case", "status_under"]
 
-ROOMS = (surfaces, theory, boundary, after, elements, references, judging, read)
+ROOMS = (surfaces, theory, boundary, after, elements, references, judging, table)
 FAULTS: dict[str, Fault] = {
     fault.what: fault for room in ROOMS for fault in room.FAULTS
 }

@@ -6,19 +6,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
-import inspect
 import io
 import pkgutil
 import sys
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from breaking.rewrite import StaleFault
 from epcontact.errors import OutputError
 from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.gates import FALLS_SHORT
@@ -49,6 +46,8 @@ class Fault:
     #: standard deviations.
     surfaces: int | None = None
     status: str = FALLS_SHORT  # of the gate, or REFUSED if verify withdraws the verdict
+    path: str = ""  # of the function, if the fault is a row of the table
+    place: str = ""  # the pattern of the row
 
     @property
     def seen_by(self):
@@ -70,6 +69,29 @@ def honest_case(name):
 REFUSED = "refused"
 
 
+def gates_of(fault):
+    """Return the gates of the case that can show the fault.
+
+    Raises `StaleFault` if there is none.
+    """
+    try:
+        gates = honest_case(fault.case).gates
+    except StopIteration:
+        raise StaleFault(f"there is no case {fault.case}") from None
+    fitting = tuple(
+        gate
+        for gate in gates
+        if gate.quantity == fault.quantity
+        and fault.against in (None, gate.against)
+        and fault.norm in ("", gate.norm)
+        and fault.of in ("", gate.of)
+    )
+    if not fitting:
+        against = f" against {fault.against}" if fault.against else ""
+        raise StaleFault(f"{fault.case} has no gate {fault.quantity}{against}")
+    return fitting
+
+
 def status_under(fault, output):
     """Judge the fault's gate alone, with the methods that it needs; the first if there
     are several.
@@ -78,15 +100,7 @@ def status_under(fault, output):
     fault.
     """
     case = honest_case(fault.case)
-    gates = tuple(
-        gate
-        for gate in case.gates
-        if gate.quantity == fault.quantity
-        and fault.against in (None, gate.against)
-        and fault.norm in ("", gate.norm)
-        and fault.of in ("", gate.of)
-    )
-    assert gates, f"{fault.case} has no gate {fault.quantity} against {fault.against}"
+    gates = gates_of(fault)
     needed = {gates[0].of, gates[0].against}
     methods = tuple(name for name in case.methods if name in needed)
     case = case.changed(
@@ -104,15 +118,15 @@ def status_under(fault, output):
 
 def changed(path, change):
     """Patch `module.attribute`, or `module.Class.attribute`, by `change(original)`."""
-    above, _, attribute = path.rpartition(".")
+    owner_path, _, attribute = path.rpartition(".")
 
     def patch(monkeypatch):
         try:
-            owner: Any = importlib.import_module(above)
-        except ModuleNotFoundError:
-            module, _, name = above.rpartition(".")
-            owner = getattr(importlib.import_module(module), name)
-        monkeypatch.setattr(owner, attribute, change(getattr(owner, attribute)))
+            owner = pkgutil.resolve_name(owner_path)
+            original = getattr(owner, attribute)
+        except (ImportError, AttributeError):
+            raise StaleFault(f"{path} does not exist") from None
+        monkeypatch.setattr(owner, attribute, change(original))
 
     return patch
 
@@ -139,26 +153,6 @@ def given(path, wrong):
     return changed(
         path, lambda f: functools.wraps(f)(lambda *a, **k: f(*wrong(*a), **k))
     )
-
-
-def edited(path, old, new):
-    """A function with one text in the place of another in its source, wherever it is
-    known.
-    """
-    attribute = path.rpartition(".")[2]
-
-    def patch(monkeypatch):
-        found = pkgutil.resolve_name(path)
-        found = getattr(found, "callback", found)  # of a command
-        function = inspect.unwrap(getattr(found, "__func__", found))
-        text = textwrap.dedent(inspect.getsource(function))
-        assert old in text, f"{path} does not hold {old}"
-        made: dict[str, Any] = {}
-        text = text[text.index(f"def {attribute}(") :].replace(old, new)
-        exec(f"from __future__ import annotations\n{text}", function.__globals__, made)
-        monkeypatch.setattr(function, "__code__", made[attribute].__code__)
-
-    return patch
 
 
 def both(*patches):
