@@ -34,7 +34,7 @@ TOKENS = {
     "epcontact.errors": 339,
     "epcontact.files": 689,
     "epcontact.harness": 47_777,
-    "epcontact.interface": 1_954,
+    "epcontact.interface": 2_475,
     "epcontact.machine": 1_187,
     "epcontact.materials": 1_642,
     "epcontact.output": 14_801,

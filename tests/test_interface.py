@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import label
 
 from epcontact import (
     Body,
@@ -255,6 +256,40 @@ def test_what_has_flowed_percolates_in_the_order_of_its_depth():
     assert (
         measure("quantity.contact_percolation", full, bem.solve(full, threads=1)) > 0.2
     )
+
+
+def percolates(mask, diagonals):
+    """Whether a patch holds two copies of a point, by scipy's labels of 7 x 7 periods."""
+    structure = np.ones((3, 3)) if diagonals else None
+    labels = label(np.tile(mask, (7, 7)), structure)[0]
+    rows, columns = mask.shape
+    copies = labels.reshape(7, rows, 7, columns).swapaxes(1, 2).reshape(49, *mask.shape)
+    centre = copies[24]
+    return bool(((copies == centre) & mask).sum(axis=0).max() > 1)
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (7, 5), (2, 9), (12, 12)], ids=str)
+def test_points_percolate_one_by_one_as_labels_of_many_periods_tell(shape):
+    """On noise and on steps, whose points of one height join in the order of rows."""
+    for seed in range(6):
+        field = np.random.default_rng(seed).normal(size=shape)
+        if seed % 2:
+            field = np.round(2 * field)
+        order = np.argsort(-field, axis=None, kind="stable")
+        first = {}
+        for count in range(1, field.size + 1):
+            mask = np.zeros(field.size, dtype=bool)
+            mask[order[:count]] = True
+            mask = mask.reshape(shape)
+            for diagonals in (False, True):
+                expected = percolates(mask, diagonals)
+                assert find_patches(mask, diagonals).spans == expected
+                if expected:
+                    first.setdefault(diagonals, count)
+        limit = percolation_fraction(field)
+        assert limit.raw == first[False] / field.size
+        mean = sum(first.values()) / 2 / field.size
+        assert limit.corrected == pytest.approx(mean, rel=1e-14)
 
 
 def test_percolation_shares_of_a_line_and_of_noise():

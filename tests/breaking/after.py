@@ -48,6 +48,11 @@ def _law(name, wrong):
     return lambda monkeypatch: monkeypatch.setitem(LAWS, name, wrong)
 
 
+def _without_the_period(mask, diagonals):
+    """Number the patches of a mask whose edges are free."""
+    return label(mask)[0][mask] - 1, False
+
+
 FAULTS = (
     Fault(
         "the residual surface from half of the points that flowed",
@@ -132,10 +137,7 @@ FAULTS = (
     Fault(
         "patches that do not join over the period",
         "interface",
-        at(
-            INTERFACE + "percolation._patch_of_points",
-            lambda mask, _: label(mask)[0][mask] - 1,
-        ),
+        at(INTERFACE + "percolation.number_patches", _without_the_period),
         test="tests/test_interface.py::test_patches_join_over_the_period",
     ),
     Fault(

@@ -28,7 +28,7 @@ import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.gates import estimate
 from epcontact.interface import contact_conductance
-from epcontact.interface.percolation import _patch_of_points
+from epcontact.interface.percolation import number_patches
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.separation import flattened_roughness, mean_separation
 from epcontact.reference import conductance as laws
@@ -214,7 +214,7 @@ def by_spots(mask, C):
 
     The pressure of a patch is that of a disc of its area, in proportion to its radius.
     """
-    of_point, n = _patch_of_points(mask), mask.shape[0]
+    of_point, n = number_patches(mask)[0], mask.shape[0]
     radius = np.sqrt(np.bincount(of_point) / mask.size / math.pi)
     force = radius / radius.sum()
     turns = np.exp(2j * np.pi * np.argwhere(mask) / n)  # a mean place on a period
