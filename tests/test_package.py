@@ -70,7 +70,7 @@ def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors():
 
 
 HOMES = {
-    "equation (1)": "persson/series.py one_wall_density",
+    "equation (1)": "persson/series.py elastic_density",
     "equation (2)": "persson/reduction.py full_contact_diffusion",
     "equation (3)": "persson/elastoplastic.py pressure_density",
     "equation (4)": "persson/elastoplastic.py _elastic_area",

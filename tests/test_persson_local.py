@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from epcontact import persson
 from epcontact.errors import InvalidScene
 from epcontact.persson import EnergyReduction, Theory, analytic_roughness, areas, local
-from epcontact.persson.local import CONSTANTS, breadths, march
+from epcontact.persson.local import CONSTANTS, integrate, relative_wavenumbers
 from epcontact.persson.separation import (
     elastic_energy,
     gap_distribution,
@@ -25,7 +25,7 @@ from epcontact.surfaces import SelfAffine
 
 SPECTRUM = SelfAffineSpectrum(0.8, 1e5, 4e5, 64e5, 1.0)
 ROUGH = analytic_roughness(SPECTRUM)
-VARIANCE, BREADTH = breadths(ROUGH)
+VARIANCE, BREADTH = relative_wavenumbers(ROUGH)
 PATH = VARIANCE / 8, BREADTH  # E* xi = 1
 PLACES = [(0.05, 0.6), (0.02, 0.16), (0.3, 1.2), (0.05, math.inf)]
 
@@ -43,33 +43,33 @@ def body(hardness=math.inf):
 def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(
     share, hardness
 ):
-    state = march(*PATH, share * hardness, hardness, resolution=(25, 4))
+    state = integrate(*PATH, share * hardness, hardness, resolution=(25, 4))
     assert_allclose(state.elastic + state.plastic + state.separated, 1, rtol=1e-11)
     carried = (
         state.weights @ (state.pressure * state.density) + hardness * state.plastic[-1]
     )
     assert_allclose(carried, share * hardness, rtol=1e-10)
     assert_allclose(state.cumulative[-1], state.elastic[-1], rtol=1e-10)
-    mirror = march(*PATH, (1 - share) * hardness, hardness, resolution=(25, 4))
+    mirror = integrate(*PATH, (1 - share) * hardness, hardness, resolution=(25, 4))
     assert_allclose(shares(mirror), shares(state)[[0, 2, 1]], rtol=1e-6, atol=1e-12)
     assert (np.diff(state.elastic) < 1e-12).all()
 
 
 @pytest.mark.parametrize("place", PLACES)
 def test_cells_and_steps_are_of_second_order_and_the_default_is_right(place):
-    finest = shares(march(*PATH, *place, resolution=(400, 64)))
+    finest = shares(integrate(*PATH, *place, resolution=(400, 64)))
     for vary in ((1, 0), (0, 1), (1, 1)):
         factors = np.where(vary, np.array([[1], [2], [4]]), 8)
         sizes = [tuple(size) for size in (factors * (50, 8)).tolist()]
         off = [
-            abs(shares(march(*PATH, *place, resolution=n)) - finest).max()
+            abs(shares(integrate(*PATH, *place, resolution=n)) - finest).max()
             for n in sizes
         ]
         if vary == (1, 1):
             assert off[0] < 2e-4
             assert math.log2(off[0] / off[1]) > 1.6
         assert off[2] < off[0]
-    usual = shares(march(*PATH, *place))
+    usual = shares(integrate(*PATH, *place))
     assert_allclose(usual[usual > 0], finest[usual > 0], rtol=8e-3)
 
 
@@ -77,7 +77,7 @@ def test_cells_and_steps_are_of_second_order_and_the_default_is_right(place):
 def test_one_reduction_for_all_pressures_gives_the_closed_form(place, monkeypatch):
     """Full contact until the start of the march, and S = 0.6 from there."""
     monkeypatch.setattr(local, "local_reduction", lambda p, *rest: np.full_like(p, 0.6))
-    state = march(*PATH, *place, resolution=(200, 32))
+    state = integrate(*PATH, *place, resolution=(200, 32))
     G = state.diffusion[0] + 0.6 * (state.diffusion - state.diffusion[0])
     for part in ("elastic", "plastic"):
         assert_allclose(
@@ -102,19 +102,19 @@ def test_the_reduction_is_that_of_its_formula():
 
 
 def test_limits_of_the_hardness_and_of_the_load():
-    elastic = shares(march(*PATH, 0.05))
-    assert_allclose(shares(march(*PATH, 0.05, 20.0)), elastic, atol=2e-4)
+    elastic = shares(integrate(*PATH, 0.05))
+    assert_allclose(shares(integrate(*PATH, 0.05, 20.0)), elastic, atol=2e-4)
     # Full contact stores all energy: the pressures have the variance 2 tau.
-    full = march(*PATH, 5.0, resolution=(200, 8))
+    full = integrate(*PATH, 5.0, resolution=(200, 8))
     assert_allclose(shares(full), [1, 0, 0], atol=1e-8)
     assert_allclose(
         full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3
     )
     # At light loads the area is proportional to the load.
-    light = [march(*PATH, p).elastic[-1] / p for p in (1e-4, 1e-3)]
+    light = [integrate(*PATH, p).elastic[-1] / p for p in (1e-4, 1e-3)]
     assert_allclose(light[0], light[1], rtol=0.03)
     # The elastic area falls as a power of the hardness, where one gamma lets it vanish.
-    soft = [march(*PATH, 0.1 * h, h).elastic[-1] for h in (0.08, 0.16)]
+    soft = [integrate(*PATH, 0.1 * h, h).elastic[-1] for h in (0.08, 0.16)]
     assert 0.5**5 < soft[0] / soft[1] < 0.5**2
     assert float(areas(0.536 / 8, 0.008, 0.08).elastic) < 1e-20 < soft[0]
 
@@ -124,7 +124,7 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
     rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"}
     result = persson.solve(scene, **rule)
-    exact = shares(march(*PATH, 0.05, 0.6))
+    exact = shares(integrate(*PATH, 0.05, 0.6))
     assert_allclose(result.final.areas["raw"].elastic, exact[0], rtol=1e-9)
     assert_allclose(result.final.areas["raw"].plastic, exact[1], rtol=1e-9)
     for step in result.steps:
@@ -164,7 +164,7 @@ def test_what_the_rule_does_not_have_is_refused():
 
 
 def test_light_roughness_leaves_full_contact_and_the_breadth_is_a_mean_wave_number():
-    state = march(np.array([1e-8]), np.array([1.0]), 0.05, 0.6)
+    state = integrate(np.array([1e-8]), np.array([1.0]), 0.05, 0.6)
     assert_allclose(shares(state), [1, 0, 0], atol=1e-12)
     assert_allclose(BREADTH[0], 1, rtol=1e-4)
     q = np.linspace(1e5, 64e5, 200001)

@@ -1,13 +1,16 @@
-"""Solve a scene by the theory: areas, distribution and separation at every mean
-pressure.
-"""
+"""Solve a scene by the theory: areas, pressures and separation at each load."""
 
 from __future__ import annotations
 
 import math
 import time
 
-from epcontact.persson.elastoplastic import areas, boundary_slopes, elastic_force
+from epcontact.persson.elastoplastic import (
+    ContactAreas,
+    areas,
+    boundary_slopes,
+    elastic_force,
+)
 from epcontact.persson.reduction import Rule
 from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
@@ -31,14 +34,18 @@ def solve(
     reduction: Rule = "constant",
     points: int = 1025,
 ) -> ContactResult:
-    """Persson's theory for a scene on a half-space.
+    """Solve a scene on a half-space by Persson's theory.
 
-    Raw and corrected areas are the same and exact: the theory has no grid.  The rule
-    "local" is solved on one, to 1e-3, and has no diffusion, gap or elastic energy.
+    Raw and corrected areas are the same and exact, because the theory has no grid.  The
+    rule "local" is solved on a grid, to 1e-3, and has no diffusion, gap or elastic
+    energy.
 
     Args:
         scene: An isotropic surface on a half-space under non-decreasing loads.
-        energy_reduction, spectrum, reduction: See `Theory.of_scene`.
+        energy_reduction: gamma, between 0 (excluded) and 1.
+        spectrum: "analytic" for the spectrum that the surface was drawn from, "surface"
+            for the spectrum of the surface's heights.
+        reduction: The rule by which gamma enters, see `persson.reduction`.
         points: Number of pressures at which the distribution of the last load is
             tabulated.
 
@@ -50,24 +57,33 @@ def solve(
         >>> from epcontact import Load, Material, Scene, SelfAffineSpectrum
         >>> from epcontact.surfaces import SelfAffine
         >>> spectrum = SelfAffineSpectrum(0.8, 1e5, 2e5, 16e5, rms_slope=1.0)
-        >>> surface = SelfAffine(spectrum, (6.2832e-5, 6.2832e-5), (64, 64), seed=7).build()
+        >>> periods = (6.2832e-5, 6.2832e-5)
+        >>> surface = SelfAffine(spectrum, periods, (64, 64), seed=7).build()
         >>> scene = Scene(surface, Material(250e9, 0.0, hardness=150e9), Load(12.5e9))
-        >>> print(f"{solve(scene, energy_reduction=0.536).final.areas['corrected'].total:.4f}")
+        >>> result = solve(scene, energy_reduction=0.536)
+        >>> print(f"{result.final.areas['corrected'].total:.4f}")
         0.1097
     """
     started = time.perf_counter()
     theory = Theory.of_scene(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
-    steps = tuple(_step(theory, p, scene.surface) for p in scene.load.path)
-    local = reduction == "local"
-    if local:
+    steps = tuple(_load_step(theory, p, scene.surface) for p in scene.load.path)
+    if reduction == "local":
         curve = theory.pressure_curve(scene.load.final)
+        accuracy = "1e-3"
     else:
         diffusion = steps[-1].quantities["diffusion"]
         curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
+        accuracy = "1e-10"
     gamma = theory.reduction.gamma
     options = {"energy_reduction": gamma, "reduction": reduction, "spectrum": spectrum}
+    notes = (
+        f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
+        "the areas solve the theory's equations to a relative error of "
+        f"{accuracy}, without a grid to correct for",
+        expectation(theory, scene.load.final),
+    )
     return ContactResult(
         method="persson",
         steps=steps,
@@ -76,50 +92,47 @@ def solve(
             curve.pressure, curve.cumulative, curve.plastic
         ),
         cost={"seconds": time.perf_counter() - started, "unknowns": 0},
-        notes=(
-            *scene.surface.notes,
-            f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
-            "the areas solve the theory's equations to a relative error of "
-            f"{'1e-3' if local else '1e-10'}, without a grid to correct for",
-            expectation(theory, scene.load.final),
-        ),
+        notes=(*scene.surface.notes, *notes),
     )
 
 
-def _step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
-    hardness, more = theory.hardness, {}
+def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
+    """Return areas, residuals and quantities at one mean pressure in Pa."""
+    hardness = theory.hardness
+    quantities = {
+        "energy_reduction": theory.reduction.gamma,
+        "rms_slope": theory.roughness.rms_slope,
+    }
+    contact: ContactAreas
     if theory.reduction.rule == "local":
         state = theory.local_state(mean_pressure)
-        shares, elastic = state.areas, state.force
+        contact = state.areas
+        elastic_load = state.force
         at_zero, at_hardness = state.slopes
+        of_diffusion = {}
     else:
-        diffusion = float(theory.diffusion(mean_pressure))
-        shares = areas(diffusion, mean_pressure, hardness)
-        at_zero, at_hardness = map(
-            float, boundary_slopes(diffusion, mean_pressure, hardness)
-        )
-        elastic = float(elastic_force(diffusion, mean_pressure, hardness))
-        more = {
-            "diffusion": diffusion,
+        G = float(theory.diffusion(mean_pressure))
+        contact = areas(G, mean_pressure, hardness)
+        elastic_load = float(elastic_force(G, mean_pressure, hardness))
+        slopes = boundary_slopes(G, mean_pressure, hardness)
+        at_zero, at_hardness = float(slopes[0]), float(slopes[1])
+        of_diffusion = {
+            "diffusion": G,
             "mean_gap": mean_separation(theory, mean_pressure),
             "elastic_energy": elastic_energy(theory, mean_pressure),
         }
-    exact = Areas(float(shares.total), float(shares.elastic), float(shares.plastic))
-    plastic = hardness * exact.plastic if math.isfinite(hardness) else 0.0
+    exact = Areas(float(contact.total), float(contact.elastic), float(contact.plastic))
+    plastic_load = hardness * exact.plastic if math.isfinite(hardness) else 0.0
+    quantities["density_slope_at_zero"] = at_zero
+    quantities["density_slope_at_hardness"] = at_hardness
+    quantities["plastic_force_share"] = plastic_load / mean_pressure
     step = LoadStep(
         mean_pressure=mean_pressure,
         areas={"raw": exact, "corrected": exact, "error": Areas(0.0, 0.0, 0.0)},
         residuals={
-            "area": abs(exact.total + float(shares.separated) - 1),
-            "force": abs((elastic + plastic) / mean_pressure - 1),
+            "area": abs(exact.total + float(contact.separated) - 1),
+            "force": abs((elastic_load + plastic_load) / mean_pressure - 1),
         },
-        quantities={
-            "energy_reduction": theory.reduction.gamma,
-            "rms_slope": theory.roughness.rms_slope,
-            "density_slope_at_zero": at_zero,
-            "density_slope_at_hardness": at_hardness,
-            "plastic_force_share": plastic / mean_pressure,
-            **more,
-        },
+        quantities=quantities | of_diffusion,
     )
     return step.with_errors(surface.treatment_errors, "treatment")

@@ -1,11 +1,10 @@
-"""Persson's theory in closed form: contact areas and pressure distribution at a
-magnification.
+"""Persson's theory in closed form: contact areas and pressures at one magnification.
 
 The distribution P(sigma, zeta) of the stress of a solid that flows at the hardness
 solves dP/dG = d2P/dsigma2 with P = 0 at sigma = 0 and at sigma = hardness.  It starts
-with all points at the mean pressure.  The wall at zero absorbs the area that has lost
-contact, the wall at the hardness absorbs the area that flows.  An infinite hardness
-gives the elastic theory.
+with all points at the mean pressure.  The bound at zero absorbs the area that has lost
+contact, and the bound at the hardness absorbs the area that flows.  An infinite
+hardness gives the elastic theory.
 
 Symbols: G = diffusion (half the variance that the pressure would have in full contact,
 times the reduction of elastic energy, in Pa^2), p_0 = mean_pressure, sigma_P =
@@ -31,19 +30,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from epcontact.errors import InvalidScene
 from epcontact.persson import series
-from epcontact.persson.series import Walk, evaluate
+from epcontact.persson.series import Diffusion, evaluate
 from epcontact.results import FloatArray
 from epcontact.scene import array
 
-# The spread c is clipped to a range in which its powers neither overflow nor vanish.
-# Outside of it only the limits G -> 0 and G -> inf are left.
-_NARROWEST, _WIDEST = 1e-150, 1e3
+#: The spread is clipped to this range, in which its powers neither overflow nor vanish.
+#: Outside of it only the limits G -> 0 and G -> inf are left.
+_NARROWEST = 1e-150
+_WIDEST = 1e3
 
 
 @dataclass(frozen=True)
 class ContactAreas:
-    """Shares of the nominal area, arrays of one shape; elastic + plastic + separated =
-    1.
+    """Fractions of the nominal area, arrays of one shape that add up to 1.
+
+    Attributes:
+        elastic: In contact at pressures below the hardness.
+        plastic: In contact at the hardness.
+        separated: Out of contact.
     """
 
     elastic: FloatArray
@@ -59,7 +63,7 @@ class ContactAreas:
 def areas(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> ContactAreas:
-    """Elastic, plastic and separated area.
+    """Return the elastic, plastic and separated area.
 
     Args:
         diffusion: G in Pa^2.
@@ -70,53 +74,59 @@ def areas(
         InvalidScene: An argument is out of range.
 
     Example:
-        >>> found = areas(diffusion=4187.5, mean_pressure=12.5, hardness=150.0)  # GPa^2, GPa
+        >>> found = areas(4187.5, mean_pressure=12.5, hardness=150.0)  # GPa^2, GPa
         >>> print(f"{found.elastic:.4f} {found.plastic:.4f} {found.total:.4f}")
         0.0525 0.0572 0.1097
     """
-    walk, _, _ = _scaled(diffusion, mean_pressure, hardness)
+    w, _, _ = _scaled(diffusion, mean_pressure, hardness)
     return ContactAreas(
-        _elastic_area(walk), _plastic_area(walk), _plastic_area(walk.mirrored())
+        elastic=_elastic_area(w),
+        plastic=_plastic_area(w),
+        separated=_plastic_area(w.mirrored()),
     )
 
 
-def _elastic_area(walk: Walk) -> FloatArray:
-    """A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t), equation (4) of
-    the paper.
+def _elastic_area(w: Diffusion) -> FloatArray:
+    """Return the elastic area by equation (4) of the paper:
+
+    A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t)
+    """
+
+    def weight(n: FloatArray) -> FloatArray:
+        return 2 / np.pi * (1 - (-1) ** n) / n
+
+    return evaluate(
+        w, modes=lambda w: w.sum_modes(weight), images=series.elastic_images
+    )
+
+
+def _plastic_area(w: Diffusion) -> FloatArray:
+    """Return the plastic area by equation (5) of the paper:
+
+    A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
+
+    The plastic area of the mirror image is the separated area.
     """
     return evaluate(
-        walk,
-        modes=lambda w: w.sum_modes(lambda n: 2 / np.pi * (1 - (-1) ** n) / n),
-        images=series.elastic_images,
+        w, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images
     )
 
 
-def _plastic_area(walk: Walk) -> FloatArray:
-    """A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t), equation (5) of the
-    paper; that of the mirror image is the separated area.
-    """
-    return evaluate(
-        walk, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images
-    )
-
-
-def _plastic_modes(w: Walk) -> FloatArray:
-    """The sum in the plastic area; the elastic force is its negative in units of the
-    hardness.
-    """
+def _plastic_modes(w: Diffusion) -> FloatArray:
+    """Return the sum in the plastic area, minus the elastic force / sigma_P."""
     return w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n)
 
 
 def elastic_force(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> FloatArray:
-    """The part of the mean pressure that elastic contact carries, int sigma P dsigma,
-    in Pa.
+    """Return the part of the mean pressure that elastic contact carries, in Pa.
+
+    It is int sigma P dsigma.  Arguments and errors are those of `areas`.
     """
-    walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
-    return unit * evaluate(
-        walk, modes=lambda w: -_plastic_modes(w), images=series.force_images
-    )
+    w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
+    force = evaluate(w, modes=lambda w: -_plastic_modes(w), images=series.force_images)
+    return unit * force
 
 
 def pressure_density(
@@ -125,30 +135,38 @@ def pressure_density(
     mean_pressure: ArrayLike,
     hardness: ArrayLike = np.inf,
 ) -> FloatArray:
-    """Density P(sigma) of the elastic contact by equation (3) of the paper:
+    """Return the density P(sigma) of elastic contact by equation (3) of the paper:
 
         P = 2 sum_n sin(n pi s) sin(n pi x) e^(-n^2 pi^2 t) / sigma_P
 
-    It is in 1/Pa, and 0 outside of (0, sigma_P).  Arguments and errors are those of
-    `areas`; the diffusion must be above 0.
+    Args:
+        pressure: sigma in Pa.
+        diffusion: G in Pa^2, above 0.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Returns:
+        The density in 1/Pa; it is 0 outside of (0, sigma_P).
+
+    Raises:
+        InvalidScene: An argument is out of range.
 
     Example:
         >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
         array([0.     , 0.00048, 0.     ])
     """
-    walk, unit, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
+    w, unit, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
     if np.any(np.equal(diffusion, 0)):
         raise InvalidScene(
             "diffusion is 0, where the pressures have no density but one value"
         )
-    values = evaluate(
-        walk,
-        modes=lambda w: np.maximum(
-            w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y)), 0
-        ),
-        images=series.density_images,
-    )
-    return np.where(inside, values, 0.0) / unit
+
+    def modes(w: Diffusion) -> FloatArray:
+        density = w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y))
+        return np.maximum(density, 0)
+
+    density = evaluate(w, modes=modes, images=series.density_images)
+    return np.where(inside, density, 0.0) / unit
 
 
 def pressure_cumulative(
@@ -157,44 +175,51 @@ def pressure_cumulative(
     mean_pressure: ArrayLike,
     hardness: ArrayLike = np.inf,
 ) -> FloatArray:
-    """Share of the nominal area in elastic contact at pressures in (0, sigma].
+    """Return the fraction of the nominal area in elastic contact at (0, sigma].
 
-    Arguments and errors are those of `areas`.
+    Args:
+        pressure: sigma in Pa.
+        diffusion: G in Pa^2.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Raises:
+        InvalidScene: An argument is out of range or not a number.
 
     Example:
         >>> pressure_cumulative([0.0, 75.0, 150.0], 4187.5, 12.5, 150.0).round(4)
         array([0.    , 0.0265, 0.0525])
     """
-    walk, _, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
+    w, _, inside = _scaled(diffusion, mean_pressure, hardness, pressure)
     if np.isnan(pressure).any():
         raise InvalidScene("pressure is not a number (NaN)")
-    values = evaluate(
-        walk,
-        modes=lambda w: w.sum_modes(
-            lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n
-        ),
-        images=series.cumulative_images,
-    )
-    flowing = ~inside & (np.asarray(pressure) > 0)
-    return np.where(inside, values, np.where(flowing, _elastic_area(walk), 0.0))
+
+    def modes(w: Diffusion) -> FloatArray:
+        return w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n)
+
+    below = evaluate(w, modes=modes, images=series.cumulative_images)
+    beyond_hardness = ~inside & (np.asarray(pressure) > 0)
+    outside = np.where(beyond_hardness, _elastic_area(w), 0.0)
+    return np.where(inside, below, outside)
 
 
 def boundary_slopes(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """dP/dsigma in 1/Pa^2 at 0 and at the hardness: d(separated)/dG and minus
-    d(plastic)/dG.
-    """
-    walk, unit, _ = _scaled(diffusion, mean_pressure, hardness)
+    """Return dP/dsigma at zero and at the hardness, in 1/Pa^2.
 
-    def at_zero(w: Walk) -> FloatArray:
+    The first is d(separated)/dG, the second minus d(plastic)/dG.  Arguments and errors
+    are those of `areas`.
+    """
+    w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
+
+    def modes(w: Diffusion) -> FloatArray:
         return w.sum_modes(lambda n: 2 * np.pi * n)
 
-    lower, upper = (
-        evaluate(side, modes=at_zero, images=series.slope_images) / unit / unit
-        for side in (walk, walk.mirrored())
-    )
-    return lower, 0.0 - upper
+    at_zero = evaluate(w, modes=modes, images=series.slope_images)
+    of_mirror = evaluate(w.mirrored(), modes=modes, images=series.slope_images)
+    at_hardness = 0.0 - of_mirror / unit / unit
+    return at_zero / unit / unit, at_hardness
 
 
 def _scaled(
@@ -202,18 +227,25 @@ def _scaled(
     mean_pressure: ArrayLike,
     hardness: ArrayLike,
     pressure: ArrayLike | None = None,
-) -> tuple[Walk, FloatArray, NDArray[np.bool_]]:
-    """The checked arguments in units of the hardness (or mean pressure), that unit in
-    Pa, and where the pressure is between 0 and the hardness; elsewhere the walk has the
-    mean pressure.
+) -> tuple[Diffusion, FloatArray, NDArray[np.bool_]]:
+    """Check the arguments of this module's functions and scale them.
+
+    Returns:
+        The arguments in units of the hardness (of the mean pressure where the hardness
+        is infinite), that unit in Pa, and where the pressure lies between 0 and the
+        hardness.  Elsewhere, and without a pressure, the mean pressure stands for it.
+
+    Raises:
+        InvalidScene: The shapes do not broadcast, or an argument is out of range.
     """
-    given = {
+    arguments = {
         "diffusion": diffusion,
         "mean_pressure": mean_pressure,
         "hardness": hardness,
     }
-    given |= {} if pressure is None else {"pressure": pressure}
-    arrays = {name: array(name, values) for name, values in given.items()}
+    if pressure is not None:
+        arguments["pressure"] = pressure
+    arrays = {name: array(name, values) for name, values in arguments.items()}
     try:
         G, p0, H, *rest = np.broadcast_arrays(*arrays.values())
     except ValueError:
@@ -221,30 +253,32 @@ def _scaled(
         raise InvalidScene(
             f"{shapes} do not fit: give numbers, or arrays of one shape"
         ) from None
-    good = np.isfinite(G) & (G >= 0)
-    if not good.all():
+    valid = np.isfinite(G) & (G >= 0)
+    if not valid.all():
         raise InvalidScene(
-            f"diffusion is {G[~good].flat[0]!s}, but must be a finite number >= 0 in Pa^2"
+            f"diffusion is {G[~valid].flat[0]!s}, but must be a finite number >= 0 in "
+            "Pa^2"
         )
-    good = (p0 > 0) & (p0 < H)
-    if not good.all():
+    valid = (p0 > 0) & (p0 < H)
+    if not valid.all():
         raise InvalidScene(
-            f"mean_pressure is {p0[~good].flat[0]!s} at a hardness of "
-            f"{H[~good].flat[0]!s}, but must lie between 0 and the hardness, both excluded"
+            f"mean_pressure is {p0[~valid].flat[0]!s} at a hardness of "
+            f"{H[~valid].flat[0]!s}, but must lie between 0 and the hardness, both "
+            "excluded"
         )
     sigma = rest[0] if rest else p0
     inside = (sigma > 0) & (sigma < H)
     sigma = np.where(inside, sigma, p0)
     elastic = np.isinf(H)
     unit = np.where(elastic, p0, H)
-    spread = np.clip(
-        2 * np.sqrt(G) / unit, _NARROWEST, np.where(elastic, np.inf, _WIDEST)
+    widest = np.where(elastic, np.inf, _WIDEST)
+    scaled = Diffusion(
+        s=p0 / unit,
+        r=(H - p0) / unit,
+        c=np.clip(2 * np.sqrt(G) / unit, _NARROWEST, widest),
+        x=sigma / unit,
+        y=(H - sigma) / unit,
+        d=(sigma - p0) / unit,
+        bounded=~elastic,
     )
-    distances = (
-        (H - p0) / unit,
-        spread,
-        sigma / unit,
-        (H - sigma) / unit,
-        (sigma - p0) / unit,
-    )
-    return Walk(p0 / unit, *distances, bounded=~elastic), unit, inside
+    return scaled, unit, inside

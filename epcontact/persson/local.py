@@ -1,23 +1,24 @@
 """The rule "local": a reduction S of elastic energy that depends on the pressure.
 
-A point whose pressure is far from both walls has a neighbourhood in full contact, which
-takes up the next waves with S = 1; next to a wall it does not.  With tau, the diffusion
-of full contact,
+A point whose pressure is far from both bounds (zero and the hardness) has a
+neighbourhood in full contact, which follows the next waves with S = 1.  A point whose
+pressure is close to a bound has not.  With tau, the diffusion of full contact,
 
-    dP/dtau = d^2(S P)/dsigma^2,   P = 0 at both walls,   S = 1 - (1 - A_el)^(1/4) (1 - x^p),
+    dP/dtau = d^2(S P)/dsigma^2,   P = 0 at both bounds,
+    S = 1 - (1 - A_el)^(1/4) (1 - x^p),
     x^-8 = r^3 [(g + b u)^-8 + (g + b v)^-8 + (c w)^-8],   g = gamma^(1/p),   p = 8/5,
 
 where u, v and w are sigma, sigma_P - sigma and sigma_P over sqrt(2 tau), r is the mean
 wave number of the slopes over the highest, and x^p is at most 2.  So gamma is S at a
-wall that is alone, where hardly any contact is left and all waves have one length (r =
-1).  Area and load are kept for any S, and sigma_0 -> sigma_P - sigma_0 swaps plastic
-and separated area.  The form follows the study `walls`; `laboratory.local_reduction`
-fits gamma, b and c to boundary elements.
+bound that is alone, where hardly any contact is left and all waves have one length (r =
+1).  Area and load are conserved for any S, and sigma_0 -> sigma_P - sigma_0 exchanges
+the plastic and the separated area.  The form follows the study `walls`;
+`laboratory.local_reduction` fits gamma, b and c to boundary elements.
 
-The equation is solved by linear elements on nodes that are dense next to the walls,
-where they grow with the pressure, and in steps of constant ratio of tau by Alexander's
-L-stable method (1977), with A_el extrapolated; both are of second order.  The start is
-the closed form, before a wall is felt.
+The equation is solved by linear elements on nodes that are dense next to the bounds,
+and in steps of constant ratio of tau by Alexander's L-stable method (1977), with A_el
+extrapolated.  Both are of second order.  The start is the closed form, before a bound
+is felt.
 """
 
 from __future__ import annotations
@@ -32,23 +33,39 @@ from epcontact.persson.elastoplastic import ContactAreas, areas, pressure_densit
 from epcontact.persson.roughness import Roughness
 from epcontact.results import FloatArray
 
+#: gamma, b and c of the rule.
 Constants = tuple[float, float, float]
-#: gamma, b and c of the rule, from tests/laboratory/local_reduction.py.
+#: The values fitted to boundary elements by tests/laboratory/local_reduction.py.
 CONSTANTS = (0.168, 0.288, 0.340)
-_POWER, _SHARE, _BREADTH, _SHARPNESS, _MOST = 8 / 5, 1 / 4, 3 / 8, 8, 2.0
-#: Nodes to a factor e of the distance from a wall, and steps to a factor e of tau.
+#: p, the exponent of 1 - A_el, that of r (3/8 of -8) and 8 of the formula above.
+_POWER = 8 / 5
+_AREA_EXPONENT = 1 / 4
+_BREADTH_EXPONENT = 3 / 8
+_SHARPNESS = 8
+#: Upper bound of x^p.
+_LARGEST = 2.0
+#: Nodes to a factor e of the distance from a bound, and steps to a factor e of tau.
 RESOLUTION = (50, 8)
-#: The nearer wall is so many standard deviations from the start: erfc(6.5 / sqrt 2) =
-#: 8e-11.
+#: Distance of the nearer bound from the start in standard deviations, beyond which the
+#: bound is not felt: erfc(6.5 / sqrt 2) = 8e-11.
 _UNFELT = 6.5
+#: An elastic distribution is cut off this many standard deviations above the start.
+_TAIL = 12
 #: The diagonal of Alexander's method.
-_GAMMA = 1 - math.sqrt(0.5)
+_DIAGONAL = 1 - math.sqrt(0.5)
 
 
 @dataclass(frozen=True)
 class LocalState:
-    """Areas (n,) along tau (n,) in Pa^2; density (m,) in 1/Pa at pressures in Pa at its
-    end.
+    """Areas along the diffusion, and the pressures at its end.
+
+    Attributes:
+        diffusion: tau in Pa^2, ascending, (n,).
+        elastic: Elastic area at each tau as a fraction of the nominal area, (n,).
+        plastic: Plastic area, (n,).
+        separated: Area out of contact, (n,).
+        pressure: Pressures in Pa from 0 to the hardness, (m,).
+        density: P at these pressures in 1/Pa at the last tau, (m,).
     """
 
     diffusion: FloatArray
@@ -60,21 +77,22 @@ class LocalState:
 
     @property
     def weights(self) -> FloatArray:
-        """The integral of a function over the pressures is the sum of its values times
-        these.
-        """
-        dx = np.diff(self.pressure, prepend=self.pressure[0], append=self.pressure[-1])
-        return np.asarray((dx[1:] + dx[:-1]) / 2)
+        """Weights (m,) in Pa of the integral over the pressures."""
+        width = np.diff(
+            self.pressure, prepend=self.pressure[0], append=self.pressure[-1]
+        )
+        return np.asarray((width[1:] + width[:-1]) / 2)
 
     @property
     def cumulative(self) -> FloatArray:
-        """The elastic area up to the pressures (m,)."""
-        parts = (self.density[1:] + self.density[:-1]) / 2 * np.diff(self.pressure)
-        return np.concatenate([[0.0], np.cumsum(parts)])
+        """Elastic area at pressures from 0 up to each of the pressures, (m,)."""
+        mean_density = (self.density[1:] + self.density[:-1]) / 2
+        masses = mean_density * np.diff(self.pressure)
+        return np.concatenate([[0.0], np.cumsum(masses)])
 
     @property
     def areas(self) -> ContactAreas:
-        """Those at the end."""
+        """The areas at the last tau."""
         return ContactAreas(self.elastic[-1], self.plastic[-1], self.separated[-1])
 
     @property
@@ -84,20 +102,22 @@ class LocalState:
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """dP/dsigma in 1/Pa^2 at zero and at the last pressure."""
+        """dP/dsigma at zero and at the last pressure, in 1/Pa^2."""
         first, last = self.density[[1, -2]] / np.diff(self.pressure)[[0, -1]]
         return float(first), float(-last)
 
-    def at(self, diffusion: FloatArray) -> ContactAreas:
-        """The areas at a tau of any shape, interpolated; before the start nothing is
-        lost.
+    def areas_at(self, diffusion: FloatArray) -> ContactAreas:
+        """Return the areas at a tau (Pa^2) of any shape, interpolated in ln tau.
+
+        Before the first tau of the state all of the area is in elastic contact.
         """
-        known = np.log(self.diffusion)
+        nodes = np.log(self.diffusion)
         with np.errstate(divide="ignore"):
-            wanted = np.log(diffusion)
-        curves = ((self.elastic, 1.0), (self.plastic, 0.0), (self.separated, 0.0))
+            at = np.log(diffusion)
         return ContactAreas(
-            *(np.interp(wanted, known, curve, left=v) for curve, v in curves)
+            elastic=np.interp(at, nodes, self.elastic, left=1.0),
+            plastic=np.interp(at, nodes, self.plastic, left=0.0),
+            separated=np.interp(at, nodes, self.separated, left=0.0),
         )
 
 
@@ -109,30 +129,43 @@ def local_reduction(
     elastic: float,
     constants: Constants = CONSTANTS,
 ) -> FloatArray:
-    """S at pressures (n,); spread: sqrt(2 tau) in Pa; breadth: r; elastic: A_el."""
+    """Return S at pressures (n,).
+
+    Args:
+        pressure: sigma in Pa, (n,).
+        hardness: sigma_P in Pa; infinite for an elastic body.
+        spread: sqrt(2 tau) in Pa.
+        breadth: r, the mean wave number of the slopes over the highest.
+        elastic: A_el, the elastic area as a fraction of the nominal area.
+        constants: gamma, b and c.
+    """
     gamma, b, c = constants
-    wall = gamma ** (1 / _POWER)
-    distances = wall + b / spread * pressure, wall + b / spread * (hardness - pressure)
-    inverse = (c * hardness / spread) ** -_SHARPNESS + sum(
-        d**-_SHARPNESS for d in distances
+    g = gamma ** (1 / _POWER)
+    from_zero = g + b / spread * pressure
+    from_hardness = g + b / spread * (hardness - pressure)
+    inverse = (c * hardness / spread) ** -_SHARPNESS + (
+        from_zero**-_SHARPNESS + from_hardness**-_SHARPNESS
     )
-    power = (breadth**_BREADTH * inverse ** (1 / _SHARPNESS)) ** -_POWER
-    lost = max(1 - elastic, 0.0) ** _SHARE
-    return np.asarray(1 - lost * (1 - np.minimum(power, _MOST)))
+    x_inverse = breadth**_BREADTH_EXPONENT * inverse ** (1 / _SHARPNESS)
+    power = np.minimum(x_inverse**-_POWER, _LARGEST)
+    deficit = max(1 - elastic, 0.0) ** _AREA_EXPONENT
+    return np.asarray(1 - deficit * (1 - power))
 
 
-def breadths(roughness: Roughness) -> tuple[FloatArray, FloatArray]:
-    """xi^2 (n,) up to the end of each band with slopes, and r, its mean wave number
-    over it.
+def relative_wavenumbers(roughness: Roughness) -> tuple[FloatArray, FloatArray]:
+    """Return xi^2 (n,) up to the end of each band with slopes, and r (n,) there.
+
+    r is the mean wave number of the slopes up to the band's end over that end.
     """
     filled = roughness.slope_variance > 0
-    added, edge = roughness.slope_variance[filled], roughness.upper_edge[filled]
+    added = roughness.slope_variance[filled]
+    edge = roughness.upper_edge[filled]
     wavenumber = np.minimum(added / roughness.first_moment[filled], edge)
     variance = np.cumsum(added)
     return variance, np.cumsum(wavenumber * added) / variance / edge
 
 
-def march(
+def integrate(
     diffusion: FloatArray,
     breadth: FloatArray,
     mean_pressure: float,
@@ -140,72 +173,105 @@ def march(
     constants: Constants = CONSTANTS,
     resolution: tuple[int, int] = RESOLUTION,
 ) -> LocalState:
-    """Solve the equation along tau (n,) in Pa^2, ascending, with the breadth r (n,)
-    there.
+    """Solve the diffusion equation of the rule along tau.
+
+    Args:
+        diffusion: tau in Pa^2, ascending, (n,); the last is the end.
+        breadth: r at each tau, (n,).
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+        constants: gamma, b and c.
+        resolution: Nodes and steps, see `RESOLUTION`.
     """
-    start, end = (
-        (min(mean_pressure, hardness - mean_pressure) / _UNFELT) ** 2 / 2,
-        diffusion[-1],
-    )
-    x = _nodes(
-        mean_pressure,
-        min(hardness, mean_pressure + 12 * math.sqrt(2 * end)),
-        resolution[0],
-    )
+    nodes_per_e_fold, steps_per_e_fold = resolution
+    nearer_bound = min(mean_pressure, hardness - mean_pressure)
+    start = (nearer_bound / _UNFELT) ** 2 / 2
+    end = diffusion[-1]
+    top = min(hardness, mean_pressure + _TAIL * math.sqrt(2 * end))
+    x = _nodes(mean_pressure, top, nodes_per_e_fold)
     density = pressure_density(x, min(start, end), mean_pressure, hardness)
     if end <= start:
         unfelt = areas(diffusion, mean_pressure, hardness)
-        parts = unfelt.elastic, unfelt.plastic, unfelt.separated
-        return LocalState(diffusion, *parts, x, density)
-    steps = math.ceil(math.log(end / start) * resolution[1])
+        return LocalState(
+            diffusion, unfelt.elastic, unfelt.plastic, unfelt.separated, x, density
+        )
+    steps = math.ceil(math.log(end / start) * steps_per_e_fold)
     t = np.geomspace(start, end, steps + 1)
     r = np.exp(np.interp(np.log(t), np.log(diffusion), np.log(breadth)))
-    dx, inner = np.diff(x), x[1:-1]
+    dx = np.diff(x)
+    inner = x[1:-1]
     width = (dx[1:] + dx[:-1]) / 2
-    # The sampled start gets the exact area and load.
-    P, away = density[1:-1] / (density[1:-1] @ width), inner - mean_pressure
-    first, second = (P * width @ away**n for n in (1, 2))
-    P = P * (1 - first / (second - first**2) * (away - first))
-    up, down = 1 / dx[1:] / width, 1 / dx[:-1] / width
-    # The flows into the plastic and the separated area, which the state has in front of
-    # P.
-    out = np.array([1 / dx[-1] if hardness < math.inf else 0.0, 1 / dx[0]])
+    P = _with_exact_moments(density[1:-1], inner - mean_pressure, width)
+    to_right = 1 / dx[1:] / width
+    to_left = 1 / dx[:-1] / width
+    # Rates at which the state flows into the plastic and the separated area, which are
+    # its first two components.
+    into_plastic = 1 / dx[-1] if hardness < math.inf else 0.0
+    outflow = np.array([into_plastic, 1 / dx[0]])
 
-    def stage(
-        known: FloatArray, k: int, part: float, h: float, elastic: float
+    def solve_stage(
+        known: FloatArray, step: int, fraction: float, h: float, elastic: float
     ) -> FloatArray:
-        """The state U = known + h dU/dt, with S at a part of the step k."""
-        spread = math.sqrt(2 * (t[k] + part * (t[k + 1] - t[k])))
-        r_there = r[k] + part * (r[k + 1] - r[k])
-        S = local_reduction(inner, hardness, spread, r_there, elastic, constants)
+        """Return U with U = known + h dU/dt, with S at a fraction of the step."""
+        tau = t[step] + fraction * (t[step + 1] - t[step])
+        breadth_there = r[step] + fraction * (r[step + 1] - r[step])
+        S = local_reduction(
+            inner, hardness, math.sqrt(2 * tau), breadth_there, elastic, constants
+        )
         bands = np.zeros((3, S.size))
-        bands[1] = 1 + h * (up + down) * S
-        bands[0, 1:], bands[2, :-1] = -h * (up[:-1] * S[1:]), -h * (down[1:] * S[:-1])
+        bands[0, 1:] = -h * (to_right[:-1] * S[1:])
+        bands[1] = 1 + h * (to_right + to_left) * S
+        bands[2, :-1] = -h * (to_left[1:] * S[:-1])
         new = solve_banded((1, 1), bands, known[2:], check_finite=False)
-        return np.concatenate([known[:2] + h * out * (S * new)[[-1, 0]], new])
+        absorbed = known[:2] + h * outflow * (S * new)[[-1, 0]]
+        return np.concatenate([absorbed, new])
 
-    state, found, change = np.concatenate([[0.0, 0.0], P]), [(0.0, 0.0, 1.0)], 0.0
-    for k, step in enumerate(np.diff(t)):
-        held, h = found[-1][2], _GAMMA * step
-        middle = stage(state, k, _GAMMA, h, held + change * h)
-        state = state + (1 - _GAMMA) / _GAMMA * (middle - state)
-        state = stage(state, k, 1.0, h, held + change * step)
-        found.append((state[0], state[1], float(state[2:] @ width)))
-        change = (found[-1][2] - held) / step
-    plastic, separated, elastic = np.array(found).T
-    return LocalState(
-        t, elastic, plastic, separated, x, np.concatenate([[0.0], state[2:], [0.0]])
-    )
+    state = np.concatenate([[0.0, 0.0], P])
+    elastic = 1.0
+    rate = 0.0  # d(elastic area)/d(tau) of the step before
+    history = [(0.0, 0.0, elastic)]
+    for step, step_size in enumerate(np.diff(t)):
+        h = _DIAGONAL * step_size
+        middle = solve_stage(state, step, _DIAGONAL, h, elastic + rate * h)
+        state = state + (1 - _DIAGONAL) / _DIAGONAL * (middle - state)
+        state = solve_stage(state, step, 1.0, h, elastic + rate * step_size)
+        new_elastic = float(state[2:] @ width)
+        rate = (new_elastic - elastic) / step_size
+        elastic = new_elastic
+        history.append((state[0], state[1], elastic))
+    plastic, separated, elastic_areas = np.array(history).T
+    density = np.concatenate([[0.0], state[2:], [0.0]])
+    return LocalState(t, elastic_areas, plastic, separated, x, density)
+
+
+def _with_exact_moments(
+    density: FloatArray, distance: FloatArray, width: FloatArray
+) -> FloatArray:
+    """Return the sampled start (n,) with the area 1 and the mean pressure p_0.
+
+    Args:
+        density: P in 1/Pa at the inner nodes, (n,).
+        distance: Pressure less p_0 at the nodes in Pa, (n,).
+        width: Width of each node's cell in Pa, (n,).
+    """
+    P = density / (density @ width)
+    first = P * width @ distance
+    second = P * width @ distance**2
+    return np.asarray(P * (1 - first / (second - first**2) * (distance - first)))
 
 
 def _nodes(mean_pressure: float, top: float, nodes_per_e_fold: int) -> FloatArray:
-    """Pressures from 0 to the top, whose spacing near both ends grows from that of the
-    start.
+    """Return pressures from 0 to `top` that are dense next to both ends.
+
+    The spacing next to an end is that next to the mean pressure times the ratio of the
+    distances from the end.
     """
-    below, above = mean_pressure, top - mean_pressure
-    ends = math.log(below / (top + above)), math.log((top + below) / above)
-    count = math.ceil((ends[1] - ends[0]) * nodes_per_e_fold)
-    e = np.exp(np.linspace(*ends, count + 1))
+    below = mean_pressure
+    above = top - mean_pressure
+    first = math.log(below / (top + above))
+    last = math.log((top + below) / above)
+    count = math.ceil((last - first) * nodes_per_e_fold)
+    e = np.exp(np.linspace(first, last, count + 1))
     x = ((top + above) * e - below) / (1 + e)
     x[[0, -1]] = 0.0, top
     return np.asarray(x)

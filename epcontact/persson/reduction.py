@@ -1,17 +1,20 @@
 """The reduction S of elastic energy, and with it the diffusion G of the stress.
 
-In full contact the roughness up to a wave number q gives the pressure half the variance
-tau, see `full_contact_diffusion`.  In partial contact less elastic energy is stored in
-the contact; the theory accounts for it by dG = S dtau, where S depends on the relative
-contact area A (elastic and plastic) at the magnification:
+In full contact the roughness up to a wave number q gives the pressure the variance
+2 tau, see `full_contact_diffusion`.  A partial contact stores less elastic energy.  The
+theory accounts for this by dG = S dtau, where S depends on the relative contact area A
+(elastic and plastic) at the magnification:
 
-    constant     S = gamma                                    Almqvist and Persson: gamma = 0.536
-    persson      S = gamma + (1 - gamma) A^2                  Yang and Persson (2008): 0.45
-    wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4   Wang and Mueser (2017): 5/9
+    constant     S = gamma
+    persson      S = gamma + (1 - gamma) A^2
+    wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
-                 one implicit equation instead of a differential one; Xu et al. (2024):
-                 0.42
-    local        S depends on the pressure, too, so that no G describes the stress: see `local`
+                 one implicit equation instead of a differential one
+    local        S depends on the pressure, too, so that no G describes the stress: see
+                 `local`
+
+Values of gamma: constant .536 (Almqvist and Persson), persson .45 (Yang and Persson,
+2008), wang_muser 5/9 (Wang and Mueser, 2017), xu .42 (Xu et al., 2024).
 
 A depends on the spectrum through G alone, so the differential equation separates:
 tau(G) = int_0^G dG' / S(A(G')).  It is integrated in steps of constant ratio of G by
@@ -37,8 +40,10 @@ from epcontact.scene import array, number, require_one_of, settle
 
 Rule = Literal["constant", "persson", "wang_muser", "xu", "local"]
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
+#: Gauss points and weights on (0, 1).
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+_POINTS = 0.5 * (_POINTS + 1)
+_WEIGHTS = 0.5 * _WEIGHTS
 #: Steps to a decade of G; with three Gauss points the error is below 1e-11 (tested).
 STEPS_PER_DECADE = 24
 
@@ -48,8 +53,8 @@ class EnergyReduction:
     """A rule for S and its parameter gamma, the value of S in the limit of no contact.
 
     Attributes:
-        gamma: Between 0 (wang_muser: 0.011, below which its polynomial is negative at
-            some area), excluded, and 1.
+        gamma: Between 0, excluded, and 1.  The rule "wang_muser" needs 0.011 at least,
+            because below it its polynomial is negative at some area.
         rule: One of the rules of this module; "local" is that of `persson.local`.
 
     Raises:
@@ -62,13 +67,20 @@ class EnergyReduction:
     def __post_init__(self) -> None:
         require_one_of("energy reduction rule", self.rule, Rule)
         least = 0.011 if self.rule == "wang_muser" else 0.0
-        right = f"a number between {least:g} (excluded) and 1"
-        gamma = number("energy_reduction", self.gamma, right, lambda v: least < v <= 1)
+        expected = f"a number between {least:g} (excluded) and 1"
+        gamma = number(
+            "energy_reduction", self.gamma, expected, lambda v: least < v <= 1
+        )
         settle(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
-        """S at a relative contact area A in [0, 1] of any shape; for "xu", the factor G
-        / tau.
+        """Return S at a relative contact area; for the rule "xu", the factor G / tau.
+
+        Args:
+            contact_area: A in [0, 1], elastic and plastic, of any shape.
+
+        Raises:
+            InvalidScene: The rule is "local", whose S depends on the pressure.
         """
         A = np.asarray(contact_area, dtype=np.float64)
         g = self.gamma
@@ -83,21 +95,25 @@ class EnergyReduction:
                 return g + (1 - g) * A
             case "local":
                 raise InvalidScene(
-                    "the rule 'local' has an S for each pressure: its areas and pressures are at "
-                    "hand, but no diffusion G, elastic energy, gap or moving hardness"
+                    "the rule 'local' has an S for each pressure: it gives areas and "
+                    "pressures, but no diffusion G, elastic energy, gap or moving "
+                    "hardness"
                 )
 
 
 def full_contact_diffusion(
     effective_modulus: float, slope_variance: ArrayLike
 ) -> FloatArray:
-    """Diffusion without reduction (S = 1) by equation (2) of the paper:
+    """Return the diffusion without reduction (S = 1) by equation (2) of the paper:
 
         tau = (pi/4) E*^2 int q^3 C dq = E*^2 xi^2 / 8,   xi^2 = 2 pi int q^3 C dq
 
     Args:
         effective_modulus: E* in Pa.
         slope_variance: xi^2 of the roughness up to a wave number, of any shape.
+
+    Returns:
+        tau in Pa^2, of the shape of the slope variance.
 
     Example:
         >>> float(full_contact_diffusion(250.0, 1.0))  # GPa
@@ -113,9 +129,18 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """G in Pa^2, the diffusion with the reduction S, for a tau in Pa^2 of any shape.
-    Raises InvalidScene if tau is not finite or negative, or the mean pressure not
-    between 0 and the hardness.
+    """Return G in Pa^2, the diffusion with the reduction S.
+
+    Args:
+        reduction: The rule of S; "local" has no G.
+        full_contact_diffusion: tau in Pa^2, of any shape.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+        steps_per_decade: Steps of the integration to a decade of G.
+
+    Raises:
+        InvalidScene: tau is negative or not finite, the mean pressure is not between 0
+            and the hardness, or the rule is "local".
     """
     tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
@@ -123,50 +148,61 @@ def reduced_diffusion(
             "full_contact_diffusion must hold finite numbers >= 0 in Pa^2"
         )
     areas(0.0, mean_pressure, hardness)  # checks the pressures
-    if reduction.rule in ("constant", "local"):  # of which the second refuses
+    if reduction.rule in ("constant", "local"):  # `factor` refuses the second
         return reduction.factor(1.0) * tau
+    # Up to here A = 1 to 1e-22, and all other rules have S(1) = 1.
+    smallest = mean_pressure**2 / 200
+    G = tau.copy()
+    beyond = tau > smallest
+    if not beyond.any():
+        return G
 
     def factor(G: FloatArray) -> FloatArray:
         return reduction.factor(areas(G, mean_pressure, hardness).total)
 
-    def xu(G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """G - [gamma + (1 - gamma) A(G)] tau and its derivative; dA/dG is minus the
-        first slope.
-        """
-        loss, _ = boundary_slopes(G, mean_pressure, hardness)
-        return G - factor(G) * late, 1 + (1 - reduction.gamma) * late * loss
+    if reduction.rule == "xu":
+        tau_beyond = tau[beyond]
 
-    # Up to here A = 1 to 1e-22, and all these rules have S(1) = 1.
-    smallest = mean_pressure**2 / 200
-    G, wide = tau.copy(), tau > smallest
-    late = tau[wide]
-    if late.size and reduction.rule == "xu":
-        G[wide] = _newton(xu, reduction.gamma * late, late)
-    elif late.size:
-        ratio = max(late.max() / smallest, 1 + 1e-9)
+        def residual(G: FloatArray) -> tuple[FloatArray, FloatArray]:
+            """Return G - [gamma + (1 - gamma) A(G)] tau and its derivative."""
+            loss_of_area, _ = boundary_slopes(G, mean_pressure, hardness)  # -dA/dG
+            slope = 1 + (1 - reduction.gamma) * tau_beyond * loss_of_area
+            return G - factor(G) * tau_beyond, slope
+
+        G[beyond] = _newton(residual, reduction.gamma * tau_beyond, tau_beyond)
+    else:
+        ratio = max(tau.max() / smallest, 1 + 1e-9)
         steps = math.ceil(math.log10(ratio) * steps_per_decade) + 1
         edges = np.geomspace(smallest, smallest * ratio, steps + 1)
-        G[wide] = _integrate(factor, late, edges)
+        G[beyond] = _integrate(factor, tau[beyond], edges)
     return G
 
 
 def _integrate(
     factor: Callable[[FloatArray], FloatArray], tau: FloatArray, edges: FloatArray
 ) -> FloatArray:
-    """G with int dG / S = tau; edges: (n,) of the steps of G; up to the first edge tau
-    = G.
+    """Return G (n,) with int_0^G dG' / S(G') = tau (n,).
+
+    Args:
+        factor: S as a function of G.
+        tau: Diffusion of full contact in Pa^2, (n,).
+        edges: Ends of the steps of G in Pa^2, (m,); up to the first, G = tau.
     """
 
     def integral(low: FloatArray, high: FloatArray) -> FloatArray:
-        points = low[:, None] + (high - low)[:, None] * _NODES
+        """Return int dG / S between arrays of ends, by Gauss's rule."""
+        points = low[:, None] + (high - low)[:, None] * _POINTS
         return np.asarray((high - low) * ((1 / factor(points)) @ _WEIGHTS))
 
-    reached = edges[0] + np.cumsum(integral(edges[:-1], edges[1:]))
-    step = np.searchsorted(reached[:-1], tau)
-    low, rest = edges[step], tau - np.concatenate([edges[:1], reached])[step]
-    return _newton(
-        lambda G: (integral(low, G) - rest, 1 / factor(G)), low, edges[step + 1]
-    )
+    tau_at_edges = edges[0] + np.cumsum(integral(edges[:-1], edges[1:]))
+    step = np.searchsorted(tau_at_edges[:-1], tau)
+    low = edges[step]
+    remainder = tau - np.concatenate([edges[:1], tau_at_edges])[step]
+
+    def residual(G: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return integral(low, G) - remainder, 1 / factor(G)
+
+    return _newton(residual, low, edges[step + 1])
 
 
 def _newton(
@@ -174,16 +210,29 @@ def _newton(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Find roots of an increasing function in brackets by its derivative, to 1e-14 of
-    `high`.
+    """Return the roots (n,) of an increasing function in brackets, to 1e-14 of `high`.
+
+    Newton's method is used, with bisection where a step would leave the bracket.
+
+    Args:
+        function: Returns values and derivatives (n,) at arguments (n,).
+        low: Lower ends of the brackets, (n,).
+        high: Upper ends of the brackets, (n,).
+
+    Raises:
+        NotConverged: 100 steps did not reach the tolerance.
     """
-    x, scale = 0.5 * (low + high), high
+    x = 0.5 * (low + high)
+    scale = high
     for _ in range(100):
         value, slope = function(x)
-        low, high = np.where(value < 0, x, low), np.where(value > 0, x, high)
+        low = np.where(value < 0, x, low)
+        high = np.where(value > 0, x, high)
         new = x - value / slope
-        new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
-        change, x = np.abs(new - x), new
+        inside = (new >= low) & (new <= high)
+        new = np.where(inside, new, 0.5 * (low + high))
+        change = np.abs(new - x)
+        x = new
         if np.all(change <= 1e-14 * scale):
             return np.asarray(x)
     raise NotConverged(

@@ -7,24 +7,25 @@ area:
 
 In full contact (S = A_el = 1) this is exact.  A_el is the area at the diffusion G of
 *full* contact: gamma enters the energy once, by S, and not again by the area.  S
-follows the rule of the areas where that rule is "persson" or "wang_muser".  "constant"
-is the limit of small contacts and "xu" describes no single wave number: for these two
-the energy uses "persson" with the same gamma. The formula holds for plastic flow as
-well, because the diffusion equation with both walls still has d<p^2> = 2 A_el dG for
-<p^2> = int sigma^2 P dsigma + sigma_P^2 A_pl.
+follows the rule of the areas where that rule is "persson" or "wang_muser".  The rule
+"constant" is the limit of small contacts, and the rule "xu" describes no single wave
+number: for these two the energy uses "persson" with the same gamma.  The formula holds
+for plastic flow as well, because the diffusion equation with both bounds still has
+d<p^2> = 2 A_el dG for <p^2> = int sigma^2 P dsigma + sigma_P^2 A_pl.
 
 Separation.  In elastic contact the load's work is the elastic energy, dU_el = -p
 d(ubar), so
 
-    ubar(p) = int_p^inf dU_el(p') / p'       Almqvist et al., J. Mech. Phys. Solids 59, 2355 (2011)
+    ubar(p) = int_p^inf dU_el(p') / p'
 
-is the mean of the open gap.  An elastoplastic contact is treated as the elastic contact
-of the surface that it has flattened, with the effective spectrum
+is the mean of the open gap [Almqvist et al., J. Mech. Phys. Solids 59, 2355 (2011)].
+An elastoplastic contact is treated as the elastic contact of the surface that it has
+flattened, with the effective spectrum
 
     C_eff(q) = C(q) [1 - (A_pl(q) sigma_P / p)^6]
 
-and the plastic area at the magnification of q (by the reduced G).  This form is used by
-Persson and co-workers, Tiwari et al., Lubricants 7, 90 (2019); its exponent is
+and the plastic area at the magnification of q (by the reduced G).  Persson and
+co-workers use this form (Tiwari et al., Lubricants 7, 90 (2019)); its exponent is
 empirical.
 
 Open gap.  As the magnification grows from zeta to zeta + d zeta, an area -A'(zeta) d
@@ -33,7 +34,8 @@ contact at zeta, under its pressure p A_0/A(zeta) and the roughness of wave numb
 beyond zeta q_0, this area has the mean separation u_1 and spreads about it by that
 roughness, of rms height h(zeta):
 
-    u_1(zeta) = d(A ubar)/dA,    P(u) = int d zeta (-A') [N(u; u_1, h) + N(u; -u_1, h)],   u > 0,
+    u_1(zeta) = d(A ubar)/dA,
+    P(u) = int d zeta (-A') [N(u; u_1, h) + N(u; -u_1, h)],   u > 0,
 
 N being the normal density [Almqvist et al., as above].  The normal densities are folded
 at u = 0, so the mean of P is larger than ubar: by 1 % at A = 0.02, 6 % at 0.11 and 15 %
@@ -64,56 +66,80 @@ from epcontact.persson.roughness import Roughness
 from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
 
-#: Steps to a factor e of the pressure in the integral over the load; each is halved
-#: once more.
+#: Steps to a factor e of the pressure in the integral over the load.  The integral is
+#: also taken with half as many steps, and the two are extrapolated.
 STEPS_PER_E_FOLD = 8
+#: The exponent 6 of the effective spectrum.
 _FLATTENING_EXPONENT = 6
-#: Magnifications at which the gap's area and mean separation are found.  Twice as many
-#: change the cumulative distribution by less than 0.002 (0.014 where flow has left few
-#: bands).
+#: Magnifications at which the gap's area and mean separation are computed.  Twice as
+#: many change the cumulative distribution by less than 0.002 (0.014 where flow has left
+#: few bands).
 _LEVELS = 48
 
 
 def elastic_energy(theory: Theory, mean_pressure: float) -> float:
-    """Elastic energy U_el in J per m^2 of nominal area.  Raises InvalidScene."""
+    """Return the elastic energy U_el in J per m^2 of nominal area.
+
+    Args:
+        theory: The body; its reduction must not be "local".
+        mean_pressure: In Pa.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
+    """
     tau = _band_diffusion(theory)
-    found = areas(tau, mean_pressure, theory.hardness)
-    return float(_energy(theory, found.total, found.elastic))
+    contact = areas(tau, mean_pressure, theory.hardness)
+    return float(_energy(theory, contact.total, contact.elastic))
 
 
 def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
-    """The roughness of C_eff, after plastic flow at a mean pressure (Pa), band by
-    band.
+    """Return the roughness with C_eff, after plastic flow at a mean pressure in Pa.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
     """
-    before, hardness = theory.roughness, theory.hardness
+    roughness = theory.roughness
+    hardness = theory.hardness
     G = reduced_diffusion(
         theory.reduction, _band_diffusion(theory), mean_pressure, hardness
     )
-    most = mean_pressure / hardness if math.isfinite(hardness) else 1.0
-    carried = areas(G, mean_pressure, hardness).plastic / most
-    left = 1 - np.minimum(carried, 1) ** _FLATTENING_EXPONENT
-    slope_variance = left * before.slope_variance
-    reached = np.concatenate([[0.0], np.cumsum(slope_variance)])
-    edges = np.concatenate([[before.lowest], before.upper_edge])
+    all_plastic = mean_pressure / hardness if math.isfinite(hardness) else 1.0
+    load_fraction = areas(G, mean_pressure, hardness).plastic / all_plastic
+    remaining = 1 - np.minimum(load_fraction, 1) ** _FLATTENING_EXPONENT
+    slope_variance = remaining * roughness.slope_variance
+    edges = np.concatenate([[roughness.lowest], roughness.upper_edge])
+    variance_at_edges = np.concatenate([[0.0], np.cumsum(slope_variance)])
+
+    def slope_variance_up_to(q: ArrayLike) -> FloatArray:
+        return np.asarray(np.interp(q, edges, variance_at_edges))
+
     return replace(
-        before,
+        roughness,
         slope_variance=slope_variance,
-        first_moment=left * before.first_moment,
-        slope_variance_up_to=lambda q: np.interp(np.asarray(q), edges, reached),
+        first_moment=remaining * roughness.first_moment,
+        slope_variance_up_to=slope_variance_up_to,
     )
 
 
 def mean_separation(
     theory: Theory, mean_pressure: float, steps_per_e_fold: int = STEPS_PER_E_FOLD
 ) -> float:
-    """Mean separation ubar in m, the mean of the open gap.  Raises InvalidScene."""
+    """Return the mean separation ubar in m, the mean of the open gap.
+
+    Args:
+        theory: The body; its reduction must not be "local".
+        mean_pressure: In Pa.
+        steps_per_e_fold: Steps of the integral to a factor e of the pressure.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
+    """
     areas(0.0, mean_pressure, theory.hardness)  # checks the pressure
     theory = flattened(theory, mean_pressure)
-    # Above this pressure every band is in full contact to 1e-17.
     variance = theory.roughness.slope_variance.sum()
-    top = (
-        6.1 * 2 * math.sqrt(full_contact_diffusion(theory.effective_modulus, variance))
-    )
+    tau = full_contact_diffusion(theory.effective_modulus, variance)
+    # Above this pressure every band is in full contact to 1e-17.
+    top = 6.1 * 2 * math.sqrt(tau)
     if mean_pressure >= top:
         return 0.0
     steps = math.ceil(math.log(top / mean_pressure) * steps_per_e_fold)
@@ -123,29 +149,37 @@ def mean_separation(
     area = erf(p[:, None] / spread)
     U = _energy(theory, area, area)
     # The trapezoidal rule in 1/p is of second order.
-    coarse, fine = (
-        float(np.diff(U[::k]) @ (0.5 / p[k::k] + 0.5 / p[:-k:k])) for k in (2, 1)
-    )
+    coarse = float(np.diff(U[::2]) @ (0.5 / p[2::2] + 0.5 / p[:-2:2]))
+    fine = float(np.diff(U) @ (0.5 / p[1:] + 0.5 / p[:-1]))
     return fine + (fine - coarse) / 3
 
 
 def flattened(theory: Theory, mean_pressure: float) -> Theory:
-    """The elastic theory of the surface that an elastoplastic contact has flattened."""
+    """Return the elastic theory of the surface that an elastoplastic contact flattens.
+
+    The theory of an elastic body is returned as it is.  `mean_pressure` is in Pa.
+    """
     if math.isinf(theory.hardness):
         return theory
-    flat = flattened_roughness(theory, mean_pressure)
-    return replace(theory, roughness=flat, hardness=math.inf)
+    roughness = flattened_roughness(theory, mean_pressure)
+    return replace(theory, roughness=roughness, hardness=math.inf)
 
 
 def _band_diffusion(theory: Theory) -> FloatArray:
-    """The diffusion of full contact in the middle of each band, in Pa^2."""
+    """Return the diffusion of full contact in the middle of each band in Pa^2, (n,)."""
     variance = theory.roughness.slope_variance
     middle = np.cumsum(variance) - 0.5 * variance
     return full_contact_diffusion(theory.effective_modulus, middle)
 
 
 def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatArray:
-    """U_el for the contact area and its elastic part at each band, (..., bands)."""
+    """Return U_el (...,) in J/m^2.
+
+    Args:
+        theory: The body.
+        contact: Contact area at each band as a fraction, (..., bands).
+        elastic: Its elastic part, (..., bands).
+    """
     reduction = theory.reduction
     if reduction.rule in ("constant", "xu"):
         reduction = EnergyReduction(reduction.gamma, "persson")
@@ -154,65 +188,84 @@ def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatAr
 
 
 # --- the open gap
-# --------------------------------------------------------------------------------
 
 
 def gap_distribution(
     theory: Theory, mean_pressure: float, gap: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Density (1/m) and cumulative share of the open gap; at 0 that is the share in
-    contact.
+    """Return the density in 1/m and the cumulative fraction of the open gap.
+
+    Args:
+        theory: The body; its reduction must not be "local".
+        mean_pressure: In Pa.
+        gap: Gaps u in m, of any shape.
+
+    Returns:
+        P(u), and the fraction of the nominal area with a gap of at most u; at u = 0
+        this is the fraction in contact.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
     """
     u = np.asarray(gap, dtype=np.float64)
-    share, lost, beyond = _levels(flattened(theory, mean_pressure), mean_pressure)
-    density, cumulative = np.zeros_like(u), np.full_like(u, share[-1])
-    for part, mean, spread in zip(-np.diff(share), lost, beyond, strict=True):
-        near, image = (u - mean) / spread, (u + mean) / spread
+    area, means, spreads = _levels(flattened(theory, mean_pressure), mean_pressure)
+    density = np.zeros_like(u)
+    cumulative = np.full_like(u, area[-1])
+    for lost_area, mean, spread in zip(-np.diff(area), means, spreads, strict=True):
+        near = (u - mean) / spread
+        image = (u + mean) / spread
         bells = np.exp(-(near**2) / 2) + np.exp(-(image**2) / 2)
-        density += part * bells / (math.sqrt(2 * math.pi) * spread)
-        cumulative += part * (ndtr(near) + ndtr(image) - 1)
+        density += lost_area * bells / (math.sqrt(2 * math.pi) * spread)
+        cumulative += lost_area * (ndtr(near) + ndtr(image) - 1)
     return density, cumulative
 
 
 def _levels(
     theory: Theory, mean_pressure: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Areas (n + 1,) at ascending magnifications; u_1 and h (n,) of what is lost
-    between them.
+    """Return what the contact loses between ascending magnifications.
+
+    Returns:
+        The contact area as a fraction at n + 1 magnifications; u_1 and h in m, (n,), of
+        the area that is lost between two of them.
     """
-    rough = theory.roughness
-    slopes = np.concatenate([[0.0], np.cumsum(rough.slope_variance)])
-    tau = full_contact_diffusion(theory.effective_modulus, slopes)
+    roughness = theory.roughness
+    variance = np.concatenate([[0.0], np.cumsum(roughness.slope_variance)])
+    tau = full_contact_diffusion(theory.effective_modulus, variance)
     G = reduced_diffusion(theory.reduction, tau, mean_pressure, math.inf)
-    share = np.asarray(areas(G, mean_pressure, math.inf).total)
-    # Each level loses about the same area, and the last one reaches the highest wave
-    # number.
-    cuts = np.searchsorted(-share, -np.linspace(1, share[-1], _LEVELS + 1))
-    cuts = np.unique(np.append(np.minimum(cuts, share.size - 1), share.size - 1))
-    share = share[cuts]
-    within = [
-        mean_separation(_beyond(theory, int(cut)), mean_pressure / area)
-        for cut, area in zip(cuts[:-1], share[:-1], strict=True)
-    ]
-    held = share * np.array([*within, 0.0])
-    parts = -np.diff(share)
+    area = np.asarray(areas(G, mean_pressure, math.inf).total)
+    # Each level loses about the same area; the last reaches the highest wave number.
+    last = area.size - 1
+    bands = np.searchsorted(-area, -np.linspace(1, area[-1], _LEVELS + 1))
+    bands = np.unique(np.append(np.minimum(bands, last), last))
+    area = area[bands]
+    separation = np.zeros(area.size)
+    for level, (band, contact) in enumerate(zip(bands[:-1], area[:-1], strict=True)):
+        finer = _without_first_bands(theory, int(band))
+        separation[level] = mean_separation(finer, mean_pressure / contact)
+    volume = area * separation
+    lost_area = -np.diff(area)
     # Bands that take no area out of contact have no separation of their own.
-    mean = np.divide(-np.diff(held), parts, out=np.zeros_like(parts), where=parts > 0)
+    mean = np.zeros_like(lost_area)
+    np.divide(-np.diff(volume), lost_area, out=mean, where=lost_area > 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        variance = np.nan_to_num(rough.first_moment**2 / rough.slope_variance)
-    left = np.concatenate([np.cumsum(variance[::-1])[::-1], [0.0]])[cuts]
-    spread = np.sqrt((left[:-1] + left[1:]) / 2)
-    tiny = 1e-12 * math.sqrt(left[0])
-    return share, np.maximum(mean, 0.0), np.maximum(spread, tiny)
+        height_variance = np.nan_to_num(
+            roughness.first_moment**2 / roughness.slope_variance
+        )
+    finer_variance = np.cumsum(height_variance[::-1])[::-1]
+    finer_variance = np.append(finer_variance, 0.0)[bands]
+    spread = np.sqrt((finer_variance[:-1] + finer_variance[1:]) / 2)
+    smallest = 1e-12 * math.sqrt(finer_variance[0])
+    return area, np.maximum(mean, 0.0), np.maximum(spread, smallest)
 
 
-def _beyond(theory: Theory, cut: int) -> Theory:
-    """The theory of the roughness without its first `cut` bands."""
-    rough = theory.roughness
-    part = replace(
-        rough,
-        upper_edge=rough.upper_edge[cut:],
-        slope_variance=rough.slope_variance[cut:],
-        first_moment=rough.first_moment[cut:],
+def _without_first_bands(theory: Theory, count: int) -> Theory:
+    """Return the theory of the roughness without its first `count` bands."""
+    roughness = theory.roughness
+    finer = replace(
+        roughness,
+        upper_edge=roughness.upper_edge[count:],
+        slope_variance=roughness.slope_variance[count:],
+        first_moment=roughness.first_moment[count:],
     )
-    return replace(theory, roughness=part)
+    return replace(theory, roughness=finer)

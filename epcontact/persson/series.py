@@ -1,26 +1,27 @@
-"""Two exact series for a stress that diffuses between two absorbing walls.
+"""Two exact series for a stress that diffuses between two absorbing bounds.
 
-In Persson's theory the stress of a point diffuses, dP/dG = d2P/dsigma2.  It starts from
-the mean pressure at G = 0 and is absorbed at zero (the point leaves contact) and at the
-hardness sigma_P (the point flows).  In units of sigma_P it starts at s, a distance r =
-1 - s below the upper wall, and has spread by c = 2 sqrt(t) after the "time" t = G /
-sigma_P^2.  The distribution is a sum over eigenfunctions or a sum over mirror images of
-the start in the walls; both are the same function (Poisson summation):
+In Persson's theory the stress of a point diffuses, dP/dG = d2P/dsigma2.  It starts at
+the mean pressure at G = 0 and is absorbed at zero (the point leaves the contact) and at
+the hardness sigma_P (the point flows).  In units of sigma_P the stress starts at s, a
+distance r = 1 - s below the upper bound, and has spread by c = 2 sqrt(t) after the
+"time" t = G / sigma_P^2.  The distribution is a sum over eigenfunctions, or a sum over
+the mirror images of the start in the two bounds.  Both sums are the same function
+(Poisson summation):
 
     eigenfunctions   P(x) = 2 sum_n sin(n pi s) sin(n pi x) exp(-n^2 pi^2 t)
     images           P(x) = sum_m [phi(x - s - 2m) - phi(x + s - 2m)],   m in Z,
                      phi(z) = exp(-z^2/c^2) / (sqrt(pi) c)
 
-Seven eigenfunctions reach rounding for c >= 0.8, a handful of images reach it for c <=
-0.8.  The elastic theory, which has no upper wall, is the first image alone.  Small
-values are summed in a form without cancellation: a difference of erf becomes the mass
-of one Gaussian over an interval, and the symmetry (s, x) -> (1 - s, 1 - x) moves the
-start into the lower half.
+For c >= 0.8 seven eigenfunctions reach rounding, and for c <= 0.8 a handful of images
+does.  The elastic theory has no upper bound, and the first image alone is its solution.
+Small values are summed without cancellation: a difference of error functions becomes
+the mass of one Gaussian over an interval, and the symmetry (s, x) -> (1 - s, 1 - x)
+moves the start into the lower half.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,131 +30,151 @@ from scipy.special import erf, erfc
 
 from epcontact.results import FloatArray
 
-#: The spread c from which the eigenfunctions are summed; both series have converged
-#: around it.
+#: From this spread c on, the eigenfunctions are summed; both series converge around it.
 SWITCH = 0.8
-#: Numbers n of the eigenfunctions: the eighth is below exp(-(8 pi c/2)^2) < 1e-43 at c
-#: = 0.8.
+#: Numbers n of the eigenfunctions, (7, 1).  The eighth term is below
+#: exp(-(8 pi c/2)^2) < 1e-43 at c = 0.8.
 MODES = np.arange(1.0, 8.0)[:, None]
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
+
+#: Gauss points and weights on (0, 1).
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_POINTS = 0.5 * (_POINTS + 1)
+_WEIGHTS = 0.5 * _WEIGHTS
 
 
-class Walk(NamedTuple):
-    """The start of the diffusion, its spread, and a pressure; scaled arrays of one
-    shape. Distances that are differences come from unscaled pressures, so that they
-    keep their digits. The unit is the hardness, or the mean pressure where the hardness
-    is infinite.
+class Diffusion(NamedTuple):
+    """The start of the stress, its spread and one pressure, as arrays of one shape.
+
+    The unit of stress is the hardness, or the mean pressure where the hardness is
+    infinite.  Distances are differences of unscaled pressures, so that they keep their
+    digits.
     """
 
     s: FloatArray  # start: mean pressure / unit
-    r: FloatArray  # distance of the start from the upper wall
+    r: FloatArray  # distance of the start from the upper bound
     c: FloatArray  # spread: 2 sqrt(G) / unit
     x: FloatArray  # pressure / unit
-    y: FloatArray  # distance of the pressure from the upper wall
-    d: FloatArray  # pressure less mean pressure, / unit
-    bounded: NDArray[np.bool_]  # whether there is an upper wall, at 1
+    y: FloatArray  # distance of the pressure from the upper bound
+    d: FloatArray  # (pressure - mean pressure) / unit
+    bounded: NDArray[np.bool_]  # True where there is an upper bound, which lies at 1
 
-    def rows(self, chosen: NDArray[np.bool_]) -> Walk:
-        """The elements that a mask chooses, in one dimension; not copied if it chooses
-        all.
+    def select(self, mask: NDArray[np.bool_]) -> Diffusion:
+        """Return the elements where `mask` is True, as arrays of one dimension.
+
+        The arrays are views if the mask selects all of them.
         """
         arrays: tuple[Any, ...] = self
-        return Walk(*(a.ravel() if chosen.all() else a[chosen] for a in arrays))
+        if mask.all():
+            return Diffusion(*(array.ravel() for array in arrays))
+        return Diffusion(*(array[mask] for array in arrays))
 
-    def mirrored(self) -> Walk:
-        """The mirror image of the problem, measured from the upper wall."""
-        return Walk(self.r, self.s, self.c, self.y, self.x, -self.d, self.bounded)
+    def mirrored(self) -> Diffusion:
+        """Return the mirror image of the problem, measured from the upper bound."""
+        return Diffusion(self.r, self.s, self.c, self.y, self.x, -self.d, self.bounded)
 
-    def in_lower_half(self) -> Walk:
-        """The problem or its mirror image, whichever starts in the lower half."""
+    def in_lower_half(self) -> Diffusion:
+        """Return the problem, or its mirror image where that starts lower."""
         low = self.s <= self.r
-        pairs: Iterator[Any] = zip(self, self.mirrored(), strict=True)
-        return Walk(*(np.where(low, own, other) for own, other in pairs))
+        arrays: tuple[Any, ...] = self
+        mirrored: tuple[Any, ...] = self.mirrored()
+        pairs = zip(arrays, mirrored, strict=True)
+        return Diffusion(*(np.where(low, array, image) for array, image in pairs))
 
     def image_numbers(self, count: int) -> range:
-        """1 to count, or none if there is no upper wall (for any of the rows)."""
-        return range(1, count + 1) if self.bounded.all() else range(0)
+        """Return 1 to `count`, or an empty range if any element has no upper bound."""
+        if self.bounded.all():
+            return range(1, count + 1)
+        return range(0)
 
     def sum_modes(self, weight: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """sum_n weight(n) sin(n pi s) exp(-n^2 pi^2 t); the weight is (modes, 1) or
-        (modes, n).
+        """Return sum_n weight(n) sin(n pi s) exp(-n^2 pi^2 t) for each element (m,).
+
+        Args:
+            weight: Function from the mode numbers (7, 1) to weights (7, 1) or (7, m).
         """
         weights = weight(MODES)
         used = weights.any(axis=1)
         n = MODES[used]
         decay = np.exp(-((0.5 * n * np.pi * self.c) ** 2))
-        return np.asarray(
-            np.sum(weights[used] * sine(n, self.s, self.r) * decay, axis=0)
-        )
+        terms = weights[used] * sine(n, self.s, self.r) * decay
+        return np.asarray(np.sum(terms, axis=0))
 
 
-Formula = Callable[[Walk], FloatArray]
+#: Computes one quantity for each element of a diffusion.
+Formula = Callable[[Diffusion], FloatArray]
 
 
-def evaluate(walk: Walk, *, images: Formula, modes: Formula) -> FloatArray:
-    """Evaluate a quantity of the walk by the shorter of the two sums for each
-    element.
+def evaluate(diffusion: Diffusion, *, images: Formula, modes: Formula) -> FloatArray:
+    """Compute a quantity by the shorter of its two series for each element.
+
+    Args:
+        diffusion: The problem, with arrays of any one shape.
+        images: The quantity as a sum over images, exact for small spreads and for
+            elements without an upper bound.
+        modes: The quantity as a sum over eigenfunctions, exact for large spreads.
     """
-    values = np.empty(walk.c.shape)
-    wide = walk.bounded & (walk.c >= SWITCH)
-    near = walk.bounded & ~wide
-    for chosen, formula in ((near, images), (wide, modes), (~walk.bounded, images)):
-        if chosen.any():
-            values[chosen] = formula(walk.rows(chosen))
+    values = np.empty(diffusion.c.shape)
+    wide = diffusion.bounded & (diffusion.c >= SWITCH)
+    narrow = diffusion.bounded & ~wide
+    parts = ((narrow, images), (wide, modes), (~diffusion.bounded, images))
+    for mask, formula in parts:
+        if mask.any():
+            values[mask] = formula(diffusion.select(mask))
     return values
 
 
 def sine(n: FloatArray, s: FloatArray, r: FloatArray) -> FloatArray:
-    """sin(n pi s) for s + r = 1, without loss of digits near s = 1."""
-    return np.asarray(
-        np.where(s <= r, 1, -((-1) ** n)) * np.sin(n * np.pi * np.minimum(s, r))
-    )
+    """Return sin(n pi s) for s + r = 1, without loss of digits near s = 1."""
+    sign = np.where(s <= r, 1, -((-1) ** n))
+    return np.asarray(sign * np.sin(n * np.pi * np.minimum(s, r)))
 
 
 def gaussian_mass(
     centre: FloatArray, half_width: FloatArray, lower: FloatArray
 ) -> FloatArray:
-    """(erf(centre + half_width) - erf(lower)) / 2 with lower = centre - half_width.
+    """Return (erf(centre + half_width) - erf(lower)) / 2.
+
     For centre, half_width >= 0 the relative error is that of rounding, however narrow
-    or far out the interval is.  `lower` is an argument because callers know it without
-    cancellation.
+    or far out the interval is.
+
+    Args:
+        centre: Middle of the interval.
+        half_width: Half of its width.
+        lower: centre - half_width, which the callers know without cancellation.
     """
     upper = centre + half_width
     across = lower < 0
+    difference_of_erf = erf(upper) - erf(np.minimum(lower, 0))
+    difference_of_erfc = erfc(lower) - erfc(upper)
+    mass = np.where(across, difference_of_erf, difference_of_erfc) / 2
     narrow = ~across & (4 * centre * half_width <= 1)
-    mass = (
-        np.where(
-            across, erf(upper) - erf(np.minimum(lower, 0)), erfc(lower) - erfc(upper)
-        )
-        / 2
-    )
     if narrow.any():
-        m, h = centre[narrow, None], half_width[narrow, None]
-        # Here h <= 1/2 and 2 m h <= 1/2, so eight Gauss points reach rounding.
-        even = np.exp(-((h * _NODES) ** 2)) * np.cosh(2 * m * h * _NODES)
-        mass[narrow] = (
-            (2 / np.sqrt(np.pi)) * (h * np.exp(-m * m))[:, 0] * (even @ _WEIGHTS)
-        )
+        # Here h <= 1/2 and 2 m h <= 1/2, so that eight Gauss points reach rounding.
+        m = centre[narrow, None]
+        h = half_width[narrow, None]
+        even = np.exp(-((h * _POINTS) ** 2)) * np.cosh(2 * m * h * _POINTS)
+        height = (h * np.exp(-m * m))[:, 0]
+        mass[narrow] = (2 / np.sqrt(np.pi)) * height * (even @ _WEIGHTS)
     return np.asarray(mass)
 
 
-def plastic_images(w: Walk) -> FloatArray:
-    """Mass absorbed at the upper wall, a sum of positive terms; erfc where it is the
-    only wall.
+def plastic_images(w: Diffusion) -> FloatArray:
+    """Return the mass that the upper bound has absorbed, as a sum of positive terms.
+
+    Where the bound is the only one, the mass is erfc of the distance over the spread.
     """
     if not w.bounded.all():
         return np.asarray(erfc(w.r / w.c))
     total = np.zeros_like(w.c)
     for m in range(4):
-        total += 2 * gaussian_mass((2 * m + 1) / w.c, w.s / w.c, (2 * m + w.r) / w.c)
+        centre = (2 * m + 1) / w.c
+        lower = (2 * m + w.r) / w.c
+        total += 2 * gaussian_mass(centre, w.s / w.c, lower)
     return total
 
 
-def elastic_images(w: Walk) -> FloatArray:
-    """Mass still between the walls: a sum over k in Z of (-1)^k times a Gaussian about
-    k.
-    """
+def elastic_images(w: Diffusion) -> FloatArray:
+    """Return the mass between the bounds: the sum over k in Z of (-1)^k Gaussians."""
     x = np.minimum(w.s, w.r)
     total = np.asarray(erf(x / w.c))
     for k in w.image_numbers(6):  # the seventh is below exp(-(6.5 / c)^2) < 1e-28
@@ -161,58 +182,71 @@ def elastic_images(w: Walk) -> FloatArray:
     return total
 
 
-def force_images(w: Walk) -> FloatArray:
-    """int x P dx = s - A_pl; for a start in the upper half it is A_el - (r -
-    A_separated).
+def force_images(w: Diffusion) -> FloatArray:
+    """Return the force of elastic contact, int x P dx = s - A_pl.
+
+    For a start in the upper half it is A_el - (r - A_separated), which keeps digits.
     """
     low = w.in_lower_half()
-    inner = low.s - plastic_images(low)
-    return np.where(w.s <= w.r, inner, elastic_images(w) - inner)
+    of_lower_half = low.s - plastic_images(low)
+    return np.where(w.s <= w.r, of_lower_half, elastic_images(w) - of_lower_half)
 
 
-def slope_images(w: Walk) -> FloatArray:
-    """dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).  Images are paired
-    so that each pair vanishes with the distance of the start to its wall.
+def slope_images(w: Diffusion) -> FloatArray:
+    """Return dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).
+
+    Images are paired so that each pair vanishes with the distance of the start from its
+    bound.
     """
-    low, x, c = w.s <= w.r, np.minimum(w.s, w.r), w.c
+    low = w.s <= w.r
+    x = np.minimum(w.s, w.r)
+    c = w.c
     total = np.where(low, x * np.exp(-((x / c) ** 2)), 0.0)
     for m in w.image_numbers(4):
         k = np.where(low, 2.0 * m, 2.0 * m - 1)
         fade = 4 * (k / c) * (x / c)
         pair = x * (1 + np.exp(-fade)) + k * np.expm1(-fade)
-        total += np.where(low, 1.0, -1.0) * np.exp(-(((k - x) / c) ** 2)) * pair
+        sign = np.where(low, 1.0, -1.0)
+        total += sign * np.exp(-(((k - x) / c) ** 2)) * pair
     return np.asarray(4 / (np.sqrt(np.pi) * c) * total / c / c)
 
 
-def one_wall_density(
+def elastic_density(
     x: FloatArray, start: FloatArray, distance: FloatArray, c: FloatArray
 ) -> FloatArray:
-    """P(x) of the elastic theory by equation (1) of the paper, in units of the
-    hardness:
+    """Return P(x) of the elastic theory by equation (1) of the paper:
 
-        P = (e^(-(x - start)^2/c^2) - e^(-(x + start)^2/c^2)) / (sqrt(pi) c),   c^2 = 4 G
+        P = (e^(-(x - start)^2/c^2) - e^(-(x + start)^2/c^2)) / (sqrt(pi) c)
 
-    distance is |x - start|; the second exponential is factored out, so that P(0) = 0
-    exactly.
+    with c^2 = 4 G, all in the unit of stress.
+
+    The second exponential is factored out, so that P(0) = 0 exactly.
+
+    Args:
+        x: Pressure / unit.
+        start: Mean pressure / unit.
+        distance: |x - start|, which the callers know without cancellation.
+        c: Spread.
     """
     fade = -np.expm1(-4 * (start / c) * (x / c))
     return np.asarray(np.exp(-((distance / c) ** 2)) * fade / (np.sqrt(np.pi) * c))
 
 
-def density_images(w: Walk) -> FloatArray:
-    """P(x): the elastic density of the start and of its images in the upper wall."""
+def density_images(w: Diffusion) -> FloatArray:
+    """Return P(x): the elastic densities of the start and of its images."""
     low = w.in_lower_half()
     x, s, d, c = low.x, low.s, low.d, low.c
-    total = one_wall_density(x, s, d, c)
+    total = elastic_density(x, s, d, c)
     for m in w.image_numbers(4):  # the next image is 7.5 away: below 1e-38
-        total += one_wall_density(x, 2 * m + s, 2 * m - d, c)
-        total -= one_wall_density(x, 2 * m - s, 2 * m - s - x, c)
+        total += elastic_density(x, 2 * m + s, 2 * m - d, c)
+        total -= elastic_density(x, 2 * m - s, 2 * m - s - x, c)
     return np.maximum(total, 0)
 
 
-def cumulative_images(w: Walk) -> FloatArray:
-    """Mass between 0 and x; errors are relative to the elastic mass, however small that
-    is.
+def cumulative_images(w: Diffusion) -> FloatArray:
+    """Return the mass between 0 and x.
+
+    Errors are relative to the mass between the bounds, however small that mass is.
     """
     low = w.in_lower_half()
     x, s, d, c = low.x, low.s, low.d, low.c

@@ -1,5 +1,6 @@
-"""The theory of one rough body: diffusion, areas and pressures at any load and
-magnification.
+"""The theory of one rough body: diffusion, areas and pressures.
+
+`Theory` holds the body; load and magnification are arguments of its methods.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
-from epcontact.persson.local import CONSTANTS, RESOLUTION, LocalState, breadths, march
+from epcontact.persson.local import (
+    CONSTANTS,
+    RESOLUTION,
+    LocalState,
+    integrate,
+    relative_wavenumbers,
+)
 from epcontact.persson.reduction import (
     EnergyReduction,
     Rule,
@@ -25,32 +32,27 @@ from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
 from epcontact.scene import Scene, array, check_loading, require_kind, whole
 
-#: An elastic distribution is tabulated to the mean pressure + 12 sqrt(G): exp(-12^2 /
-#: 4) = 2e-16.
+#: An elastic distribution is tabulated up to the mean pressure + 12 sqrt(G), where it
+#: has fallen by exp(-12^2 / 4) = 2e-16.
 _TAIL = 12.0
 
 
 class Curve:
-    """Arrays of one shape (n,), each annotated by the name of its column with the
-    unit.
-    """
+    """Arrays of one shape (n,), each annotated with the name and unit of its column."""
 
     def columns(self) -> dict[str, FloatArray]:
-        """The columns by name and unit, for a table in CSV or JSON."""
+        """Return the columns by name and unit, for a table in CSV or JSON."""
         hints = get_type_hints(type(self), include_extras=True)
-        names = {
-            name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()
-        }
-        return {
-            column: getattr(self, name)
-            for name, columns in names.items()
-            for column in columns
-        }
+        found = {}
+        for name, hint in hints.items():
+            for column in getattr(hint, "__metadata__", ()):
+                found[column] = getattr(self, name)
+        return found
 
 
 @dataclass(frozen=True)
 class MagnificationCurve(Curve):
-    """Areas (shares of the nominal area) against the magnification zeta = q / q_0."""
+    """Areas, as fractions of the nominal area, against the magnification q / q_0."""
 
     magnification: Annotated[FloatArray, "magnification"]
     wavenumber: Annotated[FloatArray, "wavenumber_rad_per_m"]
@@ -62,8 +64,13 @@ class MagnificationCurve(Curve):
 
 @dataclass(frozen=True)
 class PressureCurve(Curve):
-    """The share of the nominal area in elastic contact at (0, pressure], and at the
-    hardness.
+    """The distribution of the contact pressure.
+
+    Attributes:
+        pressure: Pressures in Pa, ascending from 0.
+        density: Fraction of the nominal area per Pa at each pressure.
+        cumulative: Fraction of the nominal area in elastic contact at (0, pressure].
+        plastic: Fraction of the nominal area at the hardness.
     """
 
     pressure: Annotated[FloatArray, "pressure_Pa"]
@@ -78,7 +85,7 @@ def pressure_curve(
     hardness: float = math.inf,
     points: int = 1025,
 ) -> PressureCurve:
-    """The distribution at equally spaced pressures, from 0 to the hardness.
+    """Return the distribution at equally spaced pressures, from 0 to the hardness.
 
     An elastic distribution is tabulated up to where it has vanished.  Without roughness
     (no diffusion) all of the area is at the mean pressure, and the density is infinite
@@ -86,7 +93,8 @@ def pressure_curve(
 
     Args:
         diffusion: G in Pa^2.
-        mean_pressure, hardness: In Pa; an elastic body's hardness is infinite.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
         points: Number of pressures that are tabulated.
 
     Raises:
@@ -100,15 +108,17 @@ def pressure_curve(
     plastic = float(areas(diffusion, mean_pressure, hardness).plastic)
     if diffusion == 0:
         pressure = np.array([0.0, mean_pressure, mean_pressure])
-        density, cumulative = np.array([0.0, 0.0, np.inf]), np.array([0.0, 0.0, 1.0])
+        density = np.array([0.0, 0.0, np.inf])
+        cumulative = np.array([0.0, 0.0, 1.0])
         return PressureCurve(pressure, density, cumulative, plastic)
-    faded = mean_pressure + _TAIL * math.sqrt(diffusion)
-    last = hardness if math.isfinite(hardness) else faded
+    if math.isfinite(hardness):
+        last = hardness
+    else:
+        last = mean_pressure + _TAIL * math.sqrt(diffusion)
     pressure = np.linspace(0.0, last, whole("points", points, 2))
-    walk = (pressure, diffusion, mean_pressure, hardness)
-    return PressureCurve(
-        pressure, pressure_density(*walk), pressure_cumulative(*walk), plastic
-    )
+    density = pressure_density(pressure, diffusion, mean_pressure, hardness)
+    cumulative = pressure_cumulative(pressure, diffusion, mean_pressure, hardness)
+    return PressureCurve(pressure, density, cumulative, plastic)
 
 
 @dataclass(frozen=True)
@@ -116,15 +126,17 @@ class Theory:
     """Persson's theory of one rough body on a half-space.
 
     Attributes:
-        roughness: Slope variance by wave number. effective_modulus, hardness: E* and
-        sigma_P in Pa; an elastic body's hardness is infinite.
+        roughness: Slope variance by wave number.
+        effective_modulus: E* in Pa.
         reduction: The reduction S of elastic energy in the diffusion.
+        hardness: sigma_P in Pa; infinite for an elastic body.
 
     Example:
         >>> from epcontact import Load, Material, Scene, SelfAffineSpectrum
         >>> from epcontact.surfaces import SelfAffine
         >>> spectrum = SelfAffineSpectrum(0.8, 1e5, 2e5, 16e5, 1.0)
-        >>> surface = SelfAffine(spectrum, (6.2832e-5, 6.2832e-5), (64, 64), seed=7).build()
+        >>> periods = (6.2832e-5, 6.2832e-5)
+        >>> surface = SelfAffine(spectrum, periods, (64, 64), seed=7).build()
         >>> scene = Scene(surface, Material(250e9, 0.0, hardness=150e9), Load(12.5e9))
         >>> theory = Theory.of_scene(scene, energy_reduction=0.536)
         >>> theory.magnification_curve(12.5e9, [1, 4, 16]).total.round(4)
@@ -145,7 +157,7 @@ class Theory:
         spectrum: SpectrumKind = "analytic",
         reduction: Rule = "constant",
     ) -> Theory:
-        """The theory of a scene's body; the load is an argument of the methods.
+        """Return the theory of a scene's body; the load is an argument of the methods.
 
         Args:
             scene: An isotropic surface on a half-space under non-decreasing loads.
@@ -161,7 +173,8 @@ class Theory:
         require_kind("scene", scene, Scene)
         if scene.body.kind != "half_space":
             raise InvalidScene(
-                f"the body is a {scene.body.kind}, but the theory here is that of the half-space"
+                f"the body is a {scene.body.kind}, but the theory here is that of the "
+                "half-space"
             )
         check_loading(scene.material, scene.load)
         return cls(
@@ -174,17 +187,24 @@ class Theory:
     def diffusion(
         self, mean_pressure: float, magnification: ArrayLike | None = None
     ) -> FloatArray:
-        """G in Pa^2 at magnifications of any shape (at least 1); by default of all
-        roughness.  With the rule "local", which has no G, it is the diffusion of full
-        contact.
+        """Return G in Pa^2, or with the rule "local" the diffusion of full contact.
+
+        Args:
+            mean_pressure: p_0 in Pa.
+            magnification: Finite numbers of at least 1, of any shape; None: all of the
+                roughness.
+
+        Raises:
+            InvalidScene: A magnification or the pressure is out of range.
         """
         variance: ArrayLike = self.roughness.rms_slope**2
         if magnification is not None:
             zeta = array("magnification", magnification)
-            bad = ~((zeta >= 1) & np.isfinite(zeta))
-            if bad.any():
+            wrong = ~((zeta >= 1) & np.isfinite(zeta))
+            if wrong.any():
                 raise InvalidScene(
-                    f"magnifications must be finite numbers of at least 1, not {zeta[bad].flat[0]}"
+                    "magnifications must be finite numbers of at least 1, not "
+                    f"{zeta[wrong].flat[0]}"
                 )
             variance = self.roughness.slope_variance_up_to(zeta * self.roughness.lowest)
         tau = full_contact_diffusion(self.effective_modulus, variance)
@@ -196,10 +216,15 @@ class Theory:
     def magnification_curve(
         self, mean_pressure: float, magnifications: ArrayLike | None = None
     ) -> MagnificationCurve:
-        """Areas against magnifications (n,) of at least 1, at a mean pressure in Pa.
+        """Return the areas against the magnification.
 
-        By default they are 1000 in a geometric sequence, up to the highest of the
-        roughness.
+        Args:
+            mean_pressure: p_0 in Pa.
+            magnifications: Numbers of at least 1, (n,); None: 1000 in a geometric
+                sequence, up to the highest of the roughness.
+
+        Raises:
+            InvalidScene: A magnification or the pressure is out of range.
         """
         if magnifications is None:
             magnifications = np.geomspace(
@@ -208,22 +233,34 @@ class Theory:
         zeta = np.atleast_1d(array("magnifications", magnifications))
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
-        G, q = self.diffusion(mean_pressure, zeta), zeta * self.roughness.lowest
+        G = self.diffusion(mean_pressure, zeta)
         if self.reduction.rule == "local":
-            # Linear interpolation between so many steps is right to 1e-4.
-            state = self.local_state(
-                mean_pressure, resolution=(RESOLUTION[0], 4 * RESOLUTION[1])
-            )
-            found = state.at(G)
+            # Linear interpolation between four times the usual steps errs by 1e-4.
+            nodes, steps = RESOLUTION
+            state = self.local_state(mean_pressure, resolution=(nodes, 4 * steps))
+            found = state.areas_at(G)
         else:
             found = areas(G, mean_pressure, self.hardness)
-        return MagnificationCurve(zeta, q, G, found.elastic, found.plastic, found.total)
+        return MagnificationCurve(
+            magnification=zeta,
+            wavenumber=zeta * self.roughness.lowest,
+            diffusion=G,
+            elastic=found.elastic,
+            plastic=found.plastic,
+            total=found.total,
+        )
 
     def pressure_curve(
         self, mean_pressure: float, magnification: float | None = None
     ) -> PressureCurve:
-        """The distribution of the pressure at a magnification, by default of all
-        roughness.
+        """Return the distribution of the pressure.
+
+        Args:
+            mean_pressure: p_0 in Pa.
+            magnification: A number of at least 1; None: all of the roughness.
+
+        Raises:
+            InvalidScene: The magnification or the pressure is out of range.
         """
         G = float(self.diffusion(mean_pressure, magnification))
         if self.reduction.rule != "local" or G == 0:
@@ -238,14 +275,28 @@ class Theory:
         end: float = math.inf,
         resolution: tuple[int, int] = RESOLUTION,
     ) -> LocalState:
-        """The stress by the rule "local" up to a diffusion of full contact (default:
-        the last).
+        """Return the stress by the rule "local".
+
+        Args:
+            mean_pressure: p_0 in Pa.
+            end: Diffusion of full contact in Pa^2 at which the integration ends;
+                infinite: that of all of the roughness.
+            resolution: Nodes and steps, see `persson.local.RESOLUTION`.
+
+        Raises:
+            InvalidScene: The surface is flat.
         """
         if self.roughness.rms_slope == 0:
             raise InvalidScene("the surface is flat, but the rule 'local' needs slopes")
-        variance, breadth = breadths(self.roughness)
+        variance, breadth = relative_wavenumbers(self.roughness)
         tau = full_contact_diffusion(self.effective_modulus, variance)
         last = int(np.searchsorted(tau, end)) + 1
-        path = np.minimum(tau, end)[:last], breadth[:last]
-        constants = (self.reduction.gamma, *CONSTANTS[1:])
-        return march(*path, mean_pressure, self.hardness, constants, resolution)
+        _, b, c = CONSTANTS
+        return integrate(
+            np.minimum(tau, end)[:last],
+            breadth[:last],
+            mean_pressure,
+            self.hardness,
+            constants=(self.reduction.gamma, b, c),
+            resolution=resolution,
+        )

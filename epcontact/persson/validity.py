@@ -1,14 +1,15 @@
-"""How far the theory is off, from a map that boundary elements made.
+"""The error of the theory, from a map that boundary elements produced.
 
-`theory_map.csv` holds what boundary elements find at places of p0/hardness and
+`theory_map.csv` holds what boundary elements give at places of p0/hardness and
 hardness/(E* xi) (without a hardness: of p0/(E* xi)) for several spectra;
-`tests/laboratory/theory_map.py` made it. At each place a figure y is linear in ln
-alpha, Nayak's parameter m0 m4/m2^2, and in ln n, the waves of the slope along a side,
-m2/m1 over the lowest wave number; a surface scatters about it as 1/n. Of an area y is
-the logit (of the elastic one the logarithm) less that of the theory's area with a floor
-under it, and else e/(2 + e) of the theory's relative error e.  Coefficients,
-covariances and scatter are interpolated in ln(hardness/(E* xi)) and the logit of
-p0/hardness, or ln(p0/(E* xi)).
+`tests/laboratory/theory_map.py` computes it.  At each place a transformed error y of
+each figure is linear in ln alpha, with Nayak's parameter alpha = m0 m4/m2^2, and in
+ln n, with the number n of waves of the slope along a side, m2/m1 over the lowest wave
+number.  A single surface scatters about this line as 1/n.  y of an area is the logit of
+the area less that of the theory's area with a floor under it (of the elastic area the
+logarithm); y of any other figure is e/(2 + e), with the theory's relative error e.
+Coefficients, covariances and scatter are interpolated in ln(hardness/(E* xi)) and the
+logit of p0/hardness, or in ln(p0/(E* xi)).
 """
 
 from __future__ import annotations
@@ -29,62 +30,80 @@ from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 
-#: The figures whose errors are known, by the columns of the map; the areas come first.
+#: The figures whose errors the map holds, by the names of its columns; areas first.
 FIGURES = ("total", "elastic", "plastic", "mean_gap", "wasserstein", "slope_at_zero")
-_AREAS, _GAP = FIGURES[:3], FIGURES.index("mean_gap")
-#: Whether y is a logit, or a logarithm.
-_BOUNDED = np.array([1.0, 0.0, 1.0])
-_HARDNESS, _LOAD = "hardness/(E*ξ)", "p0/(E*ξ)"
+_AREAS = FIGURES[:3]
+_GAP = FIGURES.index("mean_gap")
+#: 1 where y of an area is a logit, 0 where it is a logarithm.
+_IS_LOGIT = np.array([1.0, 0.0, 1.0])
+#: Names of the map's coordinates, as messages show them.
+_HARDNESS = "hardness/(E*ξ)"
+_LOAD = "p0/(E*ξ)"
+_LOAD_OF_HARDNESS = "p0/hardness"
+_NAYAK = "Nayak's parameter"
 _WAVES = "the number of the slope's waves along a side"
 _SOFT_GAP = "Nayak's parameter of soft bodies with roll-off"
-#: Those that a note tells, with their words.
-TOLD = {
+#: The figures that a note lists, with the words of the note.
+LISTED = {
     "total": "area",
     "elastic": "elastic area",
     "plastic": "plastic area",
     "mean_gap": "gap",
 }
-#: The gamma of the map, and how far another may be from it.
-GAMMA, NEAR = 0.536, 0.005
-#: Up to this share of the hardness bodies harder than any of the map hardly flow.
+#: The gamma of the map, and how far another gamma may be from it.
+GAMMA = 0.536
+GAMMA_TOLERANCE = 0.005
+#: Up to this p0/hardness a body harder than any of the map hardly flows, and is judged
+#: as an elastic one.
 HARD_LOAD = 0.15
-#: The least share out of contact that the map's figures tell.
-_FULL = 3e-5
-#: Floors under the theory's area out of contact, elastic and plastic area, as shares of
-#: the most.
+#: The smallest fraction out of contact for which the map holds values.
+_SMALLEST_SEPARATED = 3e-5
+#: Floors under the theory's separated, elastic and plastic area, as fractions of their
+#: largest possible values.
 _FLOORS = (0.01, 0.1, 0.003)
-#: What a line misses of y, and the share of an interpolation's last order that is its
-#: error.
-_MISFIT, _ORDER_ERROR = 0.008, 0.5
-#: Between the last two hardnesses, 1.8 and 3, plastic area turns to nothing, and the y
-#: of total and elastic area have this deviation more: a trial's 50 scenes there chose
-#: it, 43 others judged it.
-_TO_NONE = 0.012
-#: Boundary elements know an area to this share of it, which counts next to full
-#: contact.
+#: Standard deviation of y about the line that no surface explains.
+_MISFIT = 0.008
+#: The error of an interpolation, as a fraction of the change by its last order.
+_ORDER_ERROR = 0.5
+#: Additional standard deviation of y of the total and elastic area between the last two
+#: hardnesses, 1.8 and 3 E* xi, where the plastic area vanishes.  50 trial scenes there
+#: gave the value, and 43 others confirmed it.
+_VANISHING_PLASTIC = 0.012
+#: Relative error of an area by boundary elements, which matters next to full contact.
 _AREA_ERROR = 1e-4
-#: Softer bodies have rows with roll-off up to the given alpha only, and without it, as
-#: beyond, the gap is that of a few long waves.
+#: Below this hardness/(E* xi) the map has spectra with roll-off only up to a limit of
+#: Nayak's parameter.  Beyond it the gap is that of a few long waves and is not
+#: resolved.
 _SOFT = 0.3
-#: Ends of the gap's error beyond which it is not resolved: a closed gap is of
-#: round-off.
+#: A gap whose relative error may leave this interval is not resolved, because a closed
+#: gap is rounding noise.
 _GAP_ENDS = (-0.95, 1.0)
-#: Spectra with a larger Nayak parameter scatter more in the gap, mostly at light loads:
-#: so much of y, chosen on scenes of 64 to 256 waves, 2000 to 2399 (light), 4000 to 6249
-#: and 5000 to 5299.
-_WIDE, _GAP_OF_WIDE = 16.0, 0.02
-#: 95 % of the rule "local"'s errors over the map (`laboratory.local_reduction`), and
-#: what single surfaces add (`laboratory.theory_map --local --judge 7000 7300`); of
-#: areas this large.
+#: Additional standard deviation of y of the gap for spectra with a larger Nayak
+#: parameter, which scatter more, mostly at light loads.  Chosen on scenes of 64 to 256
+#: waves with seeds 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
+_BROAD = 16.0
+_GAP_OF_BROAD = 0.02
+#: 95 % of the errors of the rule "local" over the map (`laboratory.local_reduction`),
+#: and what a single surface adds (`laboratory.theory_map --local --judge 7000 7300`).
 LOCAL_ERRORS = {"total": (0.04, 0.05), "elastic": (0.20, 0.38), "plastic": (0.11, 0.05)}
-_LEAST, _LOCAL_PLASTIC = 1e-3, 1.3
-#: So many times fewer waves of the slope than the map's were judged; more were not.
-_FEWER = 2.5
+#: These errors hold for areas of this fraction at least, and for plastic areas up to
+#: this hardness/(E* xi).
+_LOCAL_SMALLEST_AREA = 1e-3
+_LOCAL_HARDEST_PLASTIC = 1.3
+#: Surfaces with up to this factor fewer waves of the slope than the map's were compared
+#: with it.
+_FEWER_WAVES = 2.5
 
 
 class ExpectedError(NamedTuple):
-    """A relative error of the theory, (theory - boundary elements)/boundary elements:
-    the ends of its 95 % interval, and the middle; of `wasserstein` the distance.
+    """A relative error of the theory, (theory - boundary elements)/boundary elements.
+
+    Attributes:
+        low: Lower end of its 95 % interval.
+        middle: Middle of the interval.
+        high: Upper end of the interval.
+
+    The error of "wasserstein" is the distance of the two pressure distributions.
     """
 
     low: float
@@ -95,279 +114,339 @@ class ExpectedError(NamedTuple):
 def expected_errors(
     theory: Theory, mean_pressure: float, surfaces: int = 1
 ) -> dict[str, ExpectedError]:
-    """The errors to be expected of the theory for the mean of so many surfaces, by
-    `FIGURES`; those that boundary elements did not resolve are left out (so is the gap
-    where it nearly closes, and of spectra with a larger Nayak parameter than any with
-    roll-off that the map has so soft).
+    """Return the errors to be expected of the theory, by the names in `FIGURES`.
+
+    Figures that boundary elements did not resolve are left out.  So is the gap where it
+    nearly closes, and where a spectrum has a larger Nayak parameter than any spectrum
+    with roll-off that the map has for so soft a body.
+
+    Args:
+        theory: The body.
+        mean_pressure: In Pa.
+        surfaces: Number of surfaces whose mean is compared.
 
     Raises:
-        InvalidScene: The scene is outside the map, which the sentence says.
+        InvalidScene: The scene is outside the map; the sentence says in what.
 
     Example:
         >>> from epcontact import SelfAffineSpectrum
         >>> from epcontact.persson import EnergyReduction, analytic_roughness
-        >>> rough = analytic_roughness(SelfAffineSpectrum(0.8, 1e5, 4e5, 256e5, rms_slope=1.0))
+        >>> spectrum = SelfAffineSpectrum(0.8, 1e5, 4e5, 256e5, rms_slope=1.0)
+        >>> rough = analytic_roughness(spectrum)
         >>> paper = Theory(rough, 250e9, EnergyReduction(0.536), 150e9)
         >>> expected_errors(paper, 12.5e9)["total"].high < 0.05
         True
     """
-    rule, gamma = theory.reduction.rule, theory.reduction.gamma
-    own = CONSTANTS[0] if rule == "local" else GAMMA
-    if rule not in ("constant", "local") or abs(gamma - own) > NEAR:
-        known = (
-            f"a constant gamma of {GAMMA:g}, or {CONSTANTS[0]:g} with the rule 'local'"
+    rule = theory.reduction.rule
+    gamma_of_map = CONSTANTS[0] if rule == "local" else GAMMA
+    same_gamma = abs(theory.reduction.gamma - gamma_of_map) <= GAMMA_TOLERANCE
+    if rule not in ("constant", "local") or not same_gamma:
+        raise InvalidScene(
+            f"the map of the theory's error is for a constant gamma of {GAMMA:g}, or "
+            f"{CONSTANTS[0]:g} with the rule 'local'"
         )
-        raise InvalidScene(f"the map of the theory's error is for {known}")
     if not theory.roughness.rms_slope:
         raise InvalidScene("the surface is flat")
     if rule == "local":
-        return _local_errors(theory, mean_pressure, surfaces)
-    ends, true = _interpolated(theory, mean_pressure, surfaces)
+        return _errors_of_local_rule(theory, mean_pressure, surfaces)
+    ends, true_areas = _interpolate(theory, mean_pressure, surfaces)
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
-        # Upside down, what flows is out of contact, and the map has more places.
-        other = theory.hardness - mean_pressure
-        _, (total, elastic, plastic) = _interpolated(theory, other, surfaces)
+        # In the mirror image the plastic area is out of contact, and the map has more
+        # places there.
+        mirrored_load = theory.hardness - mean_pressure
+        _, (total, elastic, plastic) = _interpolate(theory, mirrored_load, surfaces)
         mirrored = np.array([1 - plastic[::-1], elastic, 1 - total[::-1]])
-        true = np.where(np.isnan(mirrored), true, mirrored)
-    shares = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
-    # The larger an area, the lower the error of a theory that has too little of it.
-    errors[:, :3] = [float(getattr(shares, part)) for part in _AREAS] / true.T[::-1] - 1
-    errors[:, :3] += np.multiply.outer([-_AREA_ERROR, 0, _AREA_ERROR], np.ones(3))
-    if not (_GAP_ENDS[0] <= errors[0, _GAP] and errors[2, _GAP] <= _GAP_ENDS[1]):
+        true_areas = np.where(np.isnan(mirrored), true_areas, mirrored)
+    contact = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
+    # The larger an area is, the lower is the error of a theory with too little of it.
+    of_theory = [float(getattr(contact, name)) for name in _AREAS]
+    errors[:, :3] = of_theory / true_areas.T[::-1] - 1
+    errors[:, :3] += np.array([[-_AREA_ERROR], [0.0], [_AREA_ERROR]])
+    lowest, highest = _GAP_ENDS
+    if not (lowest <= errors[0, _GAP] and errors[2, _GAP] <= highest):
         errors[:, _GAP] = math.nan
-    found = zip(FIGURES, errors.T.tolist(), strict=True)
-    return {
-        name: ExpectedError(*error) for name, error in found if not math.isnan(error[1])
-    }
+    expected = {}
+    for name, (low, middle, high) in zip(FIGURES, errors.T.tolist(), strict=True):
+        if not math.isnan(middle):
+            expected[name] = ExpectedError(low, middle, high)
+    return expected
 
 
-def _local_errors(
-    theory: Theory, load: float, surfaces: int
+def _errors_of_local_rule(
+    theory: Theory, mean_pressure: float, surfaces: int
 ) -> dict[str, ExpectedError]:
-    """`LOCAL_ERRORS` where they are known: inside the map, and of areas that are large
-    enough.
+    """Return the errors of the rule "local", of areas for which `LOCAL_ERRORS` hold.
+
+    Raises InvalidScene if the scene is outside the map.
     """
-    place, *_ = _placed(theory, load)
-    found, own = {}, theory.local_state(load).areas
+    place, *_ = _place_in_map(theory, mean_pressure)
+    contact = theory.local_state(mean_pressure).areas
+    errors = {}
     for name, (common, single) in LOCAL_ERRORS.items():
-        hard = name == "plastic" and place.get(_HARDNESS, math.inf) > _LOCAL_PLASTIC
-        if getattr(own, name) >= _LEAST and not hard:
+        hardness = place.get(_HARDNESS, math.inf)
+        too_hard = name == "plastic" and hardness > _LOCAL_HARDEST_PLASTIC
+        if getattr(contact, name) >= _LOCAL_SMALLEST_AREA and not too_hard:
             error = math.hypot(common, single / math.sqrt(surfaces))
-            found[name] = ExpectedError(-error, 0.0, error)
-    return found
+            errors[name] = ExpectedError(-error, 0.0, error)
+    return errors
 
 
-def _placed(
+def _place_in_map(
     theory: Theory, mean_pressure: float
 ) -> tuple[dict[str, float], float, float]:
-    """The coordinates of a scene in the map, which must reach so far, alpha and the
-    waves.
+    """Return the coordinates of a scene by name, Nayak's parameter and the waves.
+
+    Raises InvalidScene if the map does not reach so far.
     """
-    unit, reach = theory.effective_modulus * theory.roughness.rms_slope, map_reach()
-    load = mean_pressure / theory.hardness
-    place = {_HARDNESS: theory.hardness / unit, "p0/hardness": load}
-    if place[_HARDNESS] > 1.01 * reach[_HARDNESS][1] and load <= HARD_LOAD:
+    unit = theory.effective_modulus * theory.roughness.rms_slope
+    reach = map_reach()
+    place = {
+        _HARDNESS: theory.hardness / unit,
+        _LOAD_OF_HARDNESS: mean_pressure / theory.hardness,
+    }
+    _, hardest = reach[_HARDNESS]
+    if place[_HARDNESS] > 1.01 * hardest and place[_LOAD_OF_HARDNESS] <= HARD_LOAD:
         place = {_LOAD: mean_pressure / unit}
     alpha, waves = nayak(theory.roughness)
-    for name, value in (place | {"Nayak's parameter": alpha, _WAVES: waves}).items():
+    for name, value in (place | {_NAYAK: alpha, _WAVES: waves}).items():
         low, high = reach[name]
         if not low * 0.99 <= value <= high * 1.01:
-            reached = (
-                f"the map of the theory's error reaches from {low:.3g} to {high:.3g}"
+            raise InvalidScene(
+                f"{name} is {value:.3g}, but the map of the theory's error reaches "
+                f"from {low:.3g} to {high:.3g}"
             )
-            raise InvalidScene(f"{name} is {value:.3g}, but {reached}")
     return place, alpha, waves
 
 
-def _interpolated(
+def _interpolate(
     theory: Theory, mean_pressure: float, surfaces: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The ends and middles of y, (3, figures), and of the areas, (areas, 3)."""
-    place, alpha, waves = _placed(theory, mean_pressure)
+    """Return low, middle and high y (3, figures) and areas (areas, 3)."""
+    place, alpha, waves = _place_in_map(theory, mean_pressure)
     axes, grid, covariance = _fits(tuple(place))
     at = [_scaled(name, value) for name, value in place.items()]
     X = np.array([1.0, math.log(alpha), math.log(waves)])
-    rough, y = (_between(axes, at, grid, nodes)[:, :3] @ X for nodes in (2, 4))
-    y = np.where(np.isnan(y), rough, y)
-    misfit, scatter = _between(axes, at, grid, 2)[:, 3:].T
-    variance = (
-        misfit
-        + X @ _between(axes, at, covariance, 2) @ X
-        + scatter / (waves**2 * surfaces)
-    )
-    if _HARDNESS in place and np.exp(axes[0][-2]) < place[_HARDNESS]:
-        variance[:2] += _TO_NONE**2
-    variance[_GAP] += _GAP_OF_WIDE**2 * (alpha > _WIDE)
-    if (
-        place.get(_HARDNESS, math.inf) < 0.99 * _SOFT
-        and alpha > 1.01 * map_reach()[_SOFT_GAP][1]
-    ):
+    linear = _lagrange(axes, at, grid, nodes=2)
+    y_linear = linear[:, :3] @ X
+    y = _lagrange(axes, at, grid, nodes=4)[:, :3] @ X
+    y = np.where(np.isnan(y), y_linear, y)
+    misfit, scatter = linear[:, 3:].T
+    of_line = X @ _lagrange(axes, at, covariance, nodes=2) @ X
+    variance = misfit + of_line + scatter / (waves**2 * surfaces)
+    hardness = place.get(_HARDNESS, math.inf)
+    if _HARDNESS in place and np.exp(axes[0][-2]) < hardness:
+        variance[:2] += _VANISHING_PLASTIC**2
+    if alpha > _BROAD:
+        variance[_GAP] += _GAP_OF_BROAD**2
+    if hardness < 0.99 * _SOFT and alpha > 1.01 * map_reach()[_SOFT_GAP][1]:
         variance[_GAP] = math.nan
-    deviation = np.sqrt(variance + (_ORDER_ERROR * (y - rough)) ** 2)
+    deviation = np.sqrt(variance + (_ORDER_ERROR * (y - y_linear)) ** 2)
     ends = y + np.multiply.outer([-2, 0, 2], deviation)
-    shares = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
-    logs = ends[:, :3] + _logs(shares, mean_pressure / theory.hardness)
-    return ends, 1 / (_BOUNDED + np.exp(-logs)).T
+    contact = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
+    logs = ends[:, :3] + _logs(contact, mean_pressure / theory.hardness)
+    return ends, 1 / (_IS_LOGIT + np.exp(-logs)).T
 
 
 def expectation(theory: Theory, mean_pressure: float) -> str:
-    """The sentence on the theory's expected errors for a note."""
+    """Return the sentence of a note on the expected errors of the theory.
+
+    `mean_pressure` is in Pa.  Outside the map the sentence says that the errors are not
+    known, and why.
+    """
     try:
-        found = expected_errors(theory, mean_pressure)
-    except InvalidScene as outside:
-        return f"the error of the theory itself is not known here: {outside}"
-    known = ((words, found[name]) for name, words in TOLD.items() if name in found)
-    told = ", ".join(
-        f"{w} {100 * e.low:+.2g} to {100 * e.high:+.2g} %" for w, e in known
+        errors = expected_errors(theory, mean_pressure)
+    except InvalidScene as reason:
+        return f"the error of the theory itself is not known here: {reason}"
+    intervals = []
+    unresolved = []
+    not_defined = set()
+    if math.isinf(theory.hardness):
+        not_defined.add("plastic")
+    if theory.reduction.rule == "local":
+        not_defined.add("mean_gap")
+    for name, words in LISTED.items():
+        if name in errors:
+            low, _, high = errors[name]
+            intervals.append(f"{words} {100 * low:+.2g} to {100 * high:+.2g} %")
+        elif name not in not_defined:
+            unresolved.append(words)
+    sentence = (
+        f"the theory itself is off by {', '.join(intervals)} (95 % of Gaussian "
+        "surfaces, against boundary elements)"
     )
-    surfaces = "95 % of Gaussian surfaces, against boundary elements"
-    flows = math.isfinite(theory.hardness)
-    none = {"plastic": not flows, "mean_gap": theory.reduction.rule == "local"}
-    missing = [
-        w for name, w in TOLD.items() if name not in found and not none.get(name)
-    ]
-    unknown = f"; not resolved: {', '.join(missing)}" if missing else ""
-    return f"the theory itself is off by {told} ({surfaces}){unknown}"
+    if unresolved:
+        sentence += f"; not resolved: {', '.join(unresolved)}"
+    return sentence
 
 
 def nayak(roughness: Roughness) -> tuple[float, float]:
-    """Nayak's parameter m0 m4/m2^2 of a spectrum, and m2/m1 over its lowest wave
-    number.
-    """
-    power, moment = roughness.slope_variance, roughness.first_moment
-    power, moment = power[power > 0], moment[power > 0]
-    alpha = (moment**2 / power).sum() * (power**3 / moment**2).sum() / power.sum() ** 2
-    return float(alpha), float(power.sum() / moment.sum() / roughness.lowest)
+    """Return Nayak's parameter m0 m4/m2^2, and m2/m1 over the lowest wave number."""
+    filled = roughness.slope_variance > 0
+    m2 = roughness.slope_variance[filled]  # of each band
+    m1 = roughness.first_moment[filled]
+    m0 = m1**2 / m2
+    m4 = m2**3 / m1**2
+    alpha = m0.sum() * m4.sum() / m2.sum() ** 2
+    return float(alpha), float(m2.sum() / m1.sum() / roughness.lowest)
 
 
 @functools.cache
 def theory_map() -> Mapping[str, FloatArray]:
-    """The columns of `theory_map.csv`, with `nayak` and `waves` of each spectrum."""
-    with (files("epcontact.persson") / "theory_map.csv").open(
-        encoding="utf-8"
-    ) as lines:
+    """Return the columns of `theory_map.csv`, with `nayak` and `waves` of each row."""
+    path = files("epcontact.persson") / "theory_map.csv"
+    with path.open(encoding="utf-8") as lines:
         table = np.genfromtxt(lines, delimiter=",", names=True, skip_header=2)
-    known = {str(name): table[name] for name in table.dtype.names or ()}
-    spectra = [
-        *zip(
-            *(known[n] for n in ("hurst", "roll_off", "wavelength_ratio")), strict=True
-        )
-    ]
-    of = {s: SelfAffineSpectrum(s[0], 1.0, s[1], s[2], 1.0) for s in set(spectra)}
-    shape = {s: nayak(analytic_roughness(spectrum)) for s, spectrum in of.items()}
-    alpha, waves = np.transpose([shape[spectrum] for spectrum in spectra])
-    return known | {"nayak": alpha, "waves": waves}
+    columns = {str(name): table[name] for name in table.dtype.names or ()}
+    parameters = (columns[n] for n in ("hurst", "roll_off", "wavelength_ratio"))
+    rows = list(zip(*parameters, strict=True))
+    shapes = {}
+    for hurst, roll_off, ratio in set(rows):
+        spectrum = SelfAffineSpectrum(hurst, 1.0, roll_off, ratio, 1.0)
+        shapes[hurst, roll_off, ratio] = nayak(analytic_roughness(spectrum))
+    alpha, waves = np.transpose([shapes[row] for row in rows])
+    return columns | {"nayak": alpha, "waves": waves}
 
 
 @functools.cache
 def map_reach() -> dict[str, tuple[float, float]]:
-    """The ends of the map in each of its coordinates, by their names."""
-    known = theory_map()
-    capped = np.isfinite(known["hardness"])
-    ends = {_HARDNESS: known["hardness"][capped], "p0/hardness": known["load"][capped]}
-    ends |= {_LOAD: known["load"][~capped], "Nayak's parameter": known["nayak"]}
-    soft = (known["roll_off"] > 1) & (known["hardness"] < 0.99 * _SOFT)
-    ends |= {_SOFT_GAP: known["nayak"][soft]}
-    reach = {
-        name: (float(values.min()), float(values.max()))
-        for name, values in ends.items()
+    """Return the smallest and the largest value of each coordinate of the map."""
+    table = theory_map()
+    capped = np.isfinite(table["hardness"])
+    soft_with_roll_off = (table["roll_off"] > 1) & (table["hardness"] < 0.99 * _SOFT)
+    coordinates = {
+        _HARDNESS: table["hardness"][capped],
+        _LOAD_OF_HARDNESS: table["load"][capped],
+        _LOAD: table["load"][~capped],
+        _NAYAK: table["nayak"],
+        _SOFT_GAP: table["nayak"][soft_with_roll_off],
     }
-    return reach | {
-        _WAVES: (float(known["waves"].min()) / _FEWER, float(known["waves"].max()))
-    }
+    reach = {}
+    for name, values in coordinates.items():
+        reach[name] = (float(values.min()), float(values.max()))
+    waves = table["waves"]
+    reach[_WAVES] = (float(waves.min()) / _FEWER_WAVES, float(waves.max()))
+    return reach
 
 
 @functools.cache
 def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """The scaled axes of a map, and of each figure the coefficients, variances and
-    covariance.
+    """Fit the line of each figure at each place of the map.
+
+    Args:
+        names: Coordinates: hardness and load, or the load of elastic bodies alone.
+
+    Returns:
+        The scaled axes; of each place and figure the three coefficients, the variance
+        of the misfit and the scatter, (..., figures, 5); the covariances of the
+        coefficients, (..., figures, 3, 3).
     """
-    known = theory_map()
-    inside = np.isfinite(known["hardness"]) == (len(names) == 2)
-    rows = {name: column[inside] for name, column in known.items()}
+    table = theory_map()
+    capped = len(names) == 2
+    chosen = np.isfinite(table["hardness"]) == capped
+    rows = {name: column[chosen] for name, column in table.items()}
     columns = [rows[name] for name in ("hardness", "load")[-len(names) :]]
-    axes, index = zip(
-        *(np.unique(column, return_inverse=True) for column in columns), strict=True
-    )
-    size = [*(axis.size for axis in axes), len(FIGURES)]
-    grid, covariance = np.full([*size, 5], np.nan), np.full([*size, 3, 3], np.nan)
-    X = np.column_stack(
-        [np.ones(inside.sum()), np.log(rows["nayak"]), np.log(rows["waves"])]
-    )
-    for k, (y, error) in enumerate(_figures(rows)):
+    values_and_indices = [np.unique(column, return_inverse=True) for column in columns]
+    values = [value for value, _ in values_and_indices]
+    indices = np.transpose([index for _, index in values_and_indices])
+    size = [*(axis.size for axis in values), len(FIGURES)]
+    grid = np.full([*size, 5], np.nan)
+    covariance = np.full([*size, 3, 3], np.nan)
+    ones = np.ones(chosen.sum())
+    X = np.column_stack([ones, np.log(rows["nayak"]), np.log(rows["waves"])])
+    for k, (y, error) in enumerate(_transformed_errors(rows)):
         for place in np.ndindex(*size[:-1]):
-            here = np.all(np.transpose(index) == place, axis=1)
+            here = np.all(indices == place, axis=1)
             if np.isnan(y[here]).any():
                 continue
             weight = 1 / (error[here] ** 2 + _MISFIT**2)
             V = np.linalg.inv(X[here].T * weight @ X[here])
-            line = V @ (X[here].T * weight @ y[here])
-            worse = weight @ (y[here] - X[here] @ line) ** 2 / (here.sum() - 3)
-            scatter = np.mean(
-                (error * rows["waves"])[here] ** 2 * rows["surfaces"][here]
-            )
-            grid[(*place, k)] = [*line, worse * _MISFIT**2, scatter]
-            covariance[(*place, k)] = worse * V
-    return (
-        [_scaled(name, axis) for name, axis in zip(names, axes, strict=True)],
-        grid,
-        covariance,
-    )
+            coefficients = V @ (X[here].T * weight @ y[here])
+            residual = y[here] - X[here] @ coefficients
+            chi_squared = weight @ residual**2 / (here.sum() - 3)
+            of_one_wave = (error * rows["waves"])[here] ** 2 * rows["surfaces"][here]
+            grid[(*place, k)] = [
+                *coefficients,
+                chi_squared * _MISFIT**2,
+                np.mean(of_one_wave),
+            ]
+            covariance[(*place, k)] = chi_squared * V
+    axes = [_scaled(name, axis) for name, axis in zip(names, values, strict=True)]
+    return axes, grid, covariance
 
 
-def _figures(rows: Mapping[str, FloatArray]) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """y of each figure at each row of the map, and its standard error by the
-    surfaces.
-    """
-    load = np.where(
-        np.isfinite(rows["hardness"]), rows["load"] * rows["hardness"], rows["load"]
-    )
-    logs = _logs(areas(GAMMA / 8, load, rows["hardness"]), load / rows["hardness"])
-    for part, bounded, reference in zip(_AREAS, _BOUNDED, logs, strict=True):
-        apart = np.maximum(1 - rows[part], _FULL) ** bounded
-        yield np.log(rows[part] / apart) - reference, rows[f"{part}_scatter"] / apart
+def _transformed_errors(
+    rows: Mapping[str, FloatArray],
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield y of each figure and its standard error by the surfaces, (rows,) each."""
+    capped = np.isfinite(rows["hardness"])
+    load = np.where(capped, rows["load"] * rows["hardness"], rows["load"])
+    of_theory = areas(GAMMA / 8, load, rows["hardness"])
+    logs = _logs(of_theory, load / rows["hardness"])
+    for name, is_logit, reference in zip(_AREAS, _IS_LOGIT, logs, strict=True):
+        remainder = np.maximum(1 - rows[name], _SMALLEST_SEPARATED) ** is_logit
+        y = np.log(rows[name] / remainder) - reference
+        yield y, rows[f"{name}_scatter"] / remainder
     for name in FIGURES[3:]:
-        distance = name == "wasserstein"
-        e = rows[name] if distance else rows[f"{name}_theory"]
-        error = rows[f"{name}_scatter"] * (e if distance else 1 + e)
+        if name == "wasserstein":
+            e = rows[name]
+            error = rows[f"{name}_scatter"] * e
+        else:
+            e = rows[f"{name}_theory"]
+            error = rows[f"{name}_scatter"] * (1 + e)
         yield e / (2 + e), 2 * error / (2 + e) ** 2
 
 
-def _logs(shares: ContactAreas, load: Any) -> FloatArray:
-    """The logits of the theory's areas (of the elastic one the logarithm), with
-    floors.
+def _logs(contact: ContactAreas, load: Any) -> FloatArray:
+    """Return y of the total, elastic and plastic area: logit, logarithm and logit.
+
+    Args:
+        contact: The areas by the theory, of any shape.
+        load: p0/hardness, which sets the floors under the areas.
+
+    Returns:
+        Array of shape (3, ...).
     """
-    least = (0.0 * load, _FLOORS[1] * load * (1 - load), _FLOORS[2] * load)
-    beside = (_FLOORS[0] * (1 - load), 0.0, _FLOORS[2])
+    floors = (0.0 * load, _FLOORS[1] * load * (1 - load), _FLOORS[2] * load)
+    floors_of_remainders = (_FLOORS[0] * (1 - load), 0.0, _FLOORS[2])
     logs = []
-    for part, bounded, low, high in zip(_AREAS, _BOUNDED, least, beside, strict=True):
-        area = getattr(shares, part)
-        here, rest = (
-            np.log(np.maximum(a, 1e-300)) for a in (area + low, 1 - area + high)
-        )
-        logs.append(here - bounded * rest)
+    rows = zip(_AREAS, _IS_LOGIT, floors, floors_of_remainders, strict=True)
+    for name, is_logit, floor, floor_of_remainder in rows:
+        area = getattr(contact, name)
+        of_area = np.log(np.maximum(area + floor, 1e-300))
+        of_remainder = np.log(np.maximum(1 - area + floor_of_remainder, 1e-300))
+        logs.append(of_area - is_logit * of_remainder)
     return np.array(logs)
 
 
 def _scaled(name: str, value: Any) -> Any:
-    return np.log(value / (1 - value)) if name == "p0/hardness" else np.log(value)
+    """Return the logarithm of a coordinate, or the logit of a fraction."""
+    if name == _LOAD_OF_HARDNESS:
+        return np.log(value / (1 - value))
+    return np.log(value)
 
 
-def _between(
+def _lagrange(
     axes: Sequence[FloatArray], at: Sequence[float], grid: FloatArray, nodes: int
 ) -> FloatArray:
-    """Interpolate a grid by Lagrange's polynomials through the next so many nodes of
-    each axis.
+    """Interpolate a grid by Lagrange's polynomials.
+
+    Args:
+        axes: Ascending coordinates of the grid's first dimensions, (n,) each.
+        at: The coordinate of the wanted place along each axis.
+        grid: Values, (n, ..., others).
+        nodes: Number of the nearest nodes of each axis that the polynomials pass.
+
+    Returns:
+        The values at the place, (others).
     """
     for axis, x in zip(axes, at, strict=True):
-        first = min(
-            max(int(np.searchsorted(axis, x)) - nodes // 2, 0), axis.size - nodes
-        )
+        first = int(np.searchsorted(axis, x)) - nodes // 2
+        first = min(max(first, 0), axis.size - nodes)
         near = axis[first : first + nodes]
-        weights = [
-            np.prod((x - np.delete(near, k)) / np.delete(near[k] - near, k))
-            for k in range(nodes)
-        ]
+        weights = []
+        for k in range(nodes):
+            others = np.delete(near, k)
+            weights.append(np.prod((x - others) / (near[k] - others)))
         grid = np.tensordot(weights, grid[first : first + nodes], 1)
     return grid

@@ -293,7 +293,8 @@ FAULTS = (
         "the breadth of the roughness forgotten by the local rule",
         "persson",
         on_result(
-            P + "theory.breadths", lambda found: (found[0], np.ones_like(found[1]))
+            P + "theory.relative_wavenumbers",
+            lambda found: (found[0], np.ones_like(found[1])),
         ),
         "theory-local-hard",
         "area.total.corrected",

@@ -26,7 +26,7 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 from epcontact import bem, persson
-from epcontact.persson.local import CONSTANTS, breadths, march
+from epcontact.persson.local import CONSTANTS, integrate, relative_wavenumbers
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 from epcontact.surfaces import SelfAffine
@@ -93,12 +93,14 @@ def by_local(table, constants, resolution):
     """The rule's areas (rows, 3) in the order of AIMS, in units of E* xi."""
     paths = {}
     for spectrum in set(table[SPECTRUM[1:]].itertuples(index=False, name=None)):
-        variance, breadth = breadths(persson.analytic_roughness(spectrum_of(*spectrum)))
+        variance, breadth = relative_wavenumbers(
+            persson.analytic_roughness(spectrum_of(*spectrum))
+        )
         paths[spectrum] = variance / 8, breadth
     found = []
     for row in table.itertuples():
         path = paths[row.hurst, row.bandwidth, row.roll_off]
-        end = march(*path, row.p0, row.hardness, tuple(constants), resolution).areas
+        end = integrate(*path, row.p0, row.hardness, tuple(constants), resolution).areas
         found.append((end.total, end.elastic, end.plastic))
     return np.array(found)
 

@@ -224,7 +224,7 @@ def judged(scene, **rule):
         for step in (solved, told)
     )
     rows = []
-    for figure in validity.TOLD.keys() & found.keys():
+    for figure in validity.LISTED.keys() & found.keys():
         if exact[figure] > 0:
             error = mine[figure] / exact[figure] - 1
             low, _, high = found[figure]
