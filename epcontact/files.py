@@ -23,6 +23,9 @@ from epcontact.errors import OutputError
 from epcontact.machine import alive
 from epcontact.results import plain
 
+#: What may become the name of a file or folder: the id of a case, a size, a method, the
+#: label of a surface.  Such a name is not absolute and cannot lead to another folder.
+NAME_PATTERN = r"^[A-Za-z0-9_][A-Za-z0-9._-]*$"
 #: The begin of the name of a temporary file; the number of the process follows.
 _BEGIN = f".epcontact-{platform.node()}-"
 
@@ -132,6 +135,37 @@ def read_bytes(path: Path | str, count: int = -1) -> bytes:
             return file.read(count)
     except OSError as error:
         raise refusal("read", path, error) from None
+
+
+def path_inside(folder: Path | str, name: str) -> Path:
+    """Return the path of a file that another file names.
+
+    The other file may come from somebody else, so the named one must lie in its folder.
+
+    Args:
+        folder: the folder of the file that holds the name.
+        name: the name, relative to the folder; it may lead into a folder below.
+
+    Raises:
+        OutputError: if the path leaves the folder, by "..", as an absolute path or
+            through a symbolic link.
+    """
+    path = Path(folder) / name
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+        raise OutputError(f"cannot use {path}: it leads out of the folder {folder}")
+    return path
+
+
+def require_links_inside(folder: Path | str) -> None:
+    """Raise OutputError if a symbolic link anywhere below a folder leads out of it.
+
+    A folder of results that somebody else made can hold links to private files.
+    """
+    for parent, folders, files in os.walk(folder):  # does not follow links
+        for name in (*folders, *files):
+            path = os.path.join(parent, name)
+            if os.path.islink(path):
+                path_inside(folder, os.path.relpath(path, folder))
 
 
 def refusal(verb: str, path: Path | str, error: OSError | ValueError) -> OutputError:

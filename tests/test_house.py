@@ -32,7 +32,7 @@ TOKENS = {
     "epcontact.bem": 29_582,
     "epcontact.cli": 9_151,
     "epcontact.errors": 339,
-    "epcontact.files": 689,
+    "epcontact.files": 823,
     "epcontact.harness": 47_777,
     "epcontact.interface": 2_475,
     "epcontact.machine": 1_187,

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
@@ -15,7 +16,7 @@ from epcontact.cli import options, tables
 from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output, tell
 from epcontact.errors import EpcontactError, OutputError
-from epcontact.files import write_text
+from epcontact.files import require_links_inside, write_text
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import (
@@ -31,6 +32,9 @@ from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
 from epcontact.output.view import animate, load_steps
 from epcontact.surfaces import HeightsFromFile, Mirrored
+
+if TYPE_CHECKING:
+    from epcontact.output.report import Pictures
 
 
 @click.command()
@@ -145,21 +149,15 @@ def verify(
             _load(case, size) for case in named or verifying.cases_to_verify("fast")
         ]
     run = replace(run, fields="steps" if fields == "film" else fields)
+    if with_report:
+        require_links_inside(output)  # the report would refuse them after all solves
 
     def draw(verdict: Verdict) -> None:
         if fields == "film":
             for judged in verdict.cases:
                 _draw_films(judged.case, output)
         if with_report:
-            from epcontact.output.report import report_folder  # with jinja2
-
-            answered = [case for case in verdict.cases if not case.skipped_because]
-            notes = [
-                s for case in answered for s in _draw(case.case, case.answers, output)
-            ]
-            report_folder(
-                output, verdict.content, overview=overview(verdict), notes=notes
-            )
+            _write_report(verdict, output)
 
     judged: list[CaseVerdict] = []
 
@@ -233,16 +231,30 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     sys.stdout.flush()
 
 
-def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> list[str]:
-    """Draw the pictures of a case; tell and return why some could not be drawn."""
-    from epcontact.harness.answers.pictures import (
-        write_pictures,
-    )  # charts take long to load
+def _write_report(verdict: Verdict, output: Path) -> None:
+    """Draw the pictures of all cases that were solved and write the page of them."""
+    from epcontact.output.report import Pictures, report_folder  # with jinja2
 
-    sentences = write_pictures(case, answers, case.folder(output))
-    for sentence in sentences:
+    judged_cases = {judged.id: judged for judged in verdict.cases}
+
+    def draw_case(case_id: str, *_: object) -> Pictures:
+        judged = judged_cases[case_id]
+        if judged.skipped_because:
+            return Pictures(())
+        return _draw(judged.case, judged.answers, output)
+
+    report_folder(output, verdict.content, overview=overview(verdict), draw=draw_case)
+
+
+def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> Pictures:
+    """Draw the pictures of a case; print why some could not be drawn."""
+    # Charts take long to load.
+    from epcontact.harness.answers.pictures import write_pictures
+
+    pictures = write_pictures(case, answers, case.folder(output))
+    for sentence in pictures.missing:
         tell(f"epcontact: {sentence}")
-    return sentences
+    return pictures
 
 
 def _draw_films(case: Case, output: Path) -> None:

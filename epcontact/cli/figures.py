@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from epcontact.harness.answers.pictures import draw_answers
+from epcontact.harness.answers.pictures import draw_saved
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
@@ -26,9 +26,8 @@ def report(folder: Path, output: Path | None) -> None:
     output FOLDER.
     """
     verdict = Verdict.read(folder / "verdict.json")
-    told = overview(verdict)
     page = report_folder(
-        folder, verdict.content, output, draw=draw_answers, overview=told
+        folder, verdict.content, output, draw=draw_saved, overview=overview(verdict)
     )
     click.echo(f"report in {page}")
 

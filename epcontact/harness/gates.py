@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, WithJsonSchema
 
 from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.files import NAME_PATTERN
 from epcontact.results import APART, ContactResult, PressureDistribution, plain
 
 # --- means of ensembles
@@ -50,6 +51,9 @@ Number = Annotated[
     PlainSerializer(plain, when_used="json"),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf", "nan"]}]}),
 ]
+
+#: A name in verdict.json from which the path of a file is made.
+FileName = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 
 class Record(BaseModel):

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
-from epcontact.files import read_bytes, whole_file, write_json
+from epcontact.files import path_inside, read_bytes, whole_file, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, load_rows, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
@@ -254,7 +254,7 @@ def members(
         if data["schema"] != _FORMAT:
             raise ValueError(data["schema"])
         for task in data["tasks"]:
-            member = read_member(Path(folder) / task["file"])
+            member = read_member(path_inside(folder, task["file"]))
             solved = member.get("key") == task["key"]
             yield task, ContactResult.from_json(member) if solved else None
     except (ValueError, KeyError, TypeError):

@@ -72,6 +72,8 @@ _CHARTS = {
     "electrical": ("electrical_conductance", "electrical conductance"),
     "percolation": ("_percolation", "share of the area that percolates"),
 }
+#: The names of these charts in a folder.
+LOAD_CHARTS = tuple(f"loads-{name}" for name in _CHARTS)
 _STYLES = {"unloading": "open", "reloading": "half"}
 
 

@@ -17,20 +17,39 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 
 from epcontact.errors import OutputError
-from epcontact.files import read_bytes, write_text
+from epcontact.files import (
+    path_inside,
+    read_bytes,
+    require_links_inside,
+    write_text,
+)
 from epcontact.output.charts.style import unit_for
 from epcontact.output.loads import load_cells
-from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
-#: Draws the results by method, one a surface, into a folder; returns what it could not
-#: draw.
-Draw = Callable[[Mapping[str, Sequence[ContactResult]], Path], Sequence[str]]
+
+
+class Pictures(NamedTuple):
+    """The pictures of a case's results in its folder.
+
+    Attributes:
+        names: the names of the files without their endings.  Each picture has a caption
+            (.txt) beside it.
+        missing: a sentence for each picture that could not be drawn.
+    """
+
+    names: Sequence[str]
+    missing: Sequence[str] = ()
+
+
+#: Draws the results of a case into its folder.  The arguments are the id of the case,
+#: the content of the JSON file of each method, and the folder.
+Draw = Callable[[str, Mapping[str, Data], Path], Pictures]
 
 _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 
@@ -41,37 +60,45 @@ def report_folder(
     path: Path | str | None = None,
     *,
     overview: Data,
-    draw: Draw | None = None,
-    notes: Sequence[str] = (),
+    draw: Draw,
 ) -> Path:
-    """Make the page of a verdict (the content of verdict.json) in its folder, and
-    return its path. The page shows every picture in a case's folder that has a caption
-    (.txt) beside it.  `draw` draws some there first, from the results.  `overview` sums
-    the verdict up, see `harness.verdict.overview`, and `notes` are sentences for the
-    top.  Raises OutputError.
+    """Draw the pictures of a verification and write its page.
+
+    Nothing outside of the folder is read or written but the page, if `path` says so.
+
+    Args:
+        folder: the output folder of the verification.
+        verdict: the content of its verdict.json.
+        path: the page to write; None: report.html in the folder.
+        overview: the first screen of the page, see `harness.verdict.overview`.
+        draw: draws the pictures of each case; the page shows these.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        OutputError: if a file cannot be read or written, or if a name in the verdict or
+            a link leads out of the folder.
     """
     home = Path(folder)
-    results, pictures = dict[str, dict[str, Data]](), dict[str, list[dict[str, str]]]()
-    sentences = list(notes)
+    require_links_inside(home)
+    results: dict[str, dict[str, Data]] = {}
+    pictures: dict[str, list[dict[str, str]]] = {}
+    missing: list[str] = []
     for case in verdict["cases"]:
-        here = home / case["id"] / case["size"]
-        files = {method: here / f"{method}.json" for method in case["methods"]}
-        answers = {
-            method: _read_json(file) for method, file in files.items() if file.is_file()
-        }
-        if draw is not None:
-            members = {
-                m: map(ContactResult.from_json, a["members"])
-                for m, a in answers.items()
-            }
-            sentences += draw(
-                {method: list(found) for method, found in members.items()}, here
-            )
-        results[case["id"]], pictures[case["id"]] = answers, _pictures(here)
-    target = Path(path) if path is not None else home / "report.html"
-    write_report(
-        target, verdict, results, pictures, list(dict.fromkeys(sentences)), overview
-    )
+        name = case["id"]
+        case_folder = path_inside(home, f"{name}/{case['size']}")
+        results[name] = {}
+        for method in case["methods"]:
+            file = path_inside(case_folder, f"{method}.json")
+            if file.is_file():
+                results[name][method] = _read_json(file)
+        drawn = draw(name, results[name], case_folder)
+        pictures[name] = _pictures(case_folder, drawn.names)
+        missing += drawn.missing
+    target = home / "report.html" if path is None else Path(path)
+    notes = list(dict.fromkeys(missing))
+    write_report(target, verdict, results, pictures, notes, overview)
     return target
 
 
@@ -186,22 +213,25 @@ def _notes(answers: Mapping[str, Data]) -> list[str]:
     return [f"Note by {', '.join(names)}: {note}." for note, names in methods.items()]
 
 
-def _pictures(folder: Path) -> list[dict[str, str]]:
-    """Return each picture with a caption beside it, as .svg if there are several kinds
-    of it.
+def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
+    """Return the data and the captions of pictures, as .svg where there are several
+    kinds of one.
     """
     pictures = []
-    for caption in sorted(folder.glob("*.txt")):
-        kinds = [kind for kind in _MEDIA_TYPES if caption.with_suffix(kind).is_file()]
-        for kind in kinds[:1]:
-            content = base64.b64encode(caption.with_suffix(kind).read_bytes()).decode()
-            uri = f"data:{_MEDIA_TYPES[kind]};base64,{content}"
-            pictures.append({"uri": uri, "caption": caption.read_text("utf-8").strip()})
+    for name in sorted(names):
+        for ending, media_type in _MEDIA_TYPES.items():
+            file = folder / f"{name}{ending}"
+            if file.is_file():
+                content = base64.b64encode(read_bytes(file)).decode()
+                caption = read_bytes(folder / f"{name}.txt").decode("utf-8", "replace")
+                uri = f"data:{media_type};base64,{content}"
+                pictures.append({"uri": uri, "caption": caption.strip()})
+                break
     return pictures
 
 
 def _read_json(path: Path) -> Any:
     try:
         return json.loads(read_bytes(path))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise OutputError(f"cannot read {path}: it is no JSON") from None

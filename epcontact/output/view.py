@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from epcontact.errors import OutputError
-from epcontact.files import read_bytes, whole_file, write_bytes
+from epcontact.files import path_inside, read_bytes, whole_file, write_bytes
 from epcontact.output.charts.maps import pressure_difference, profiles
 from epcontact.output.vtk import read_fields
 
@@ -128,7 +128,7 @@ def _steps(path: Path | str) -> list[Path]:
 
 def load_steps(collection: Path | str) -> list[Path]:
     """Return the files of a ParaView collection (.pvd), part 0 of each, by their
-    times.
+    times.  Raises OutputError if it is none, or names a file outside of its folder.
     """
     try:
         entries = ET.fromstring(read_bytes(collection)).findall("./Collection/DataSet")
@@ -141,7 +141,7 @@ def load_steps(collection: Path | str) -> list[Path]:
     if not steps:
         raise OutputError(f"cannot read {collection}: it names no file")
     return [
-        Path(collection).parent / file
+        path_inside(Path(collection).parent, file)
         for _, file in sorted(steps, key=lambda step: step[0])
     ]
 

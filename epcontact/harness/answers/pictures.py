@@ -43,7 +43,8 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of, map_of_file, pressure_difference
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
-from epcontact.output.loads import Row, load_charts
+from epcontact.output.loads import LOAD_CHARTS, Row, load_charts
+from epcontact.output.report import Pictures
 from epcontact.output.view import load_steps, screenshot
 from epcontact.output.vtk import read_fields
 from epcontact.results import ContactResult
@@ -53,47 +54,110 @@ from epcontact.surfaces.spectrum import density
 
 _FEWEST_RINGS = 4  # of wave numbers, that make a spectrum
 _MOST_CURVES = 4  # of a sweep, that a chart of three areas can show
-_OF_ANSWERS = ("residuals.*", "loads-*", "contact-*", "pressure-di*", "body-*")
+#: Charts of the case itself, which are drawn before those of the results.
+_SPECTRUM, _MAGNIFICATION = "power-spectrum", "persson-magnification"
+_OF_RESULTS = ("pressure-distribution", "residuals", *LOAD_CHARTS)
+_ENDINGS = (".png", ".svg", ".csv", ".txt")
 
 Results = Mapping[str, Sequence[ContactResult]]
 
 
-def write_pictures(
-    case: Case, answers: Mapping[str, Answer], folder: Path
-) -> list[str]:
-    """Draw the pictures of a case into a folder; return why some could not be drawn.
-    Raises OutputError if a file cannot be read or written.
+def write_pictures(case: Case, answers: Mapping[str, Answer], folder: Path) -> Pictures:
+    """Draw the pictures of a case and of its results.
+
+    Args:
+        case: the case.
+        answers: the results of its methods, by the methods' names.
+        folder: the folder of its results, with the files of fields.
+
+    Returns:
+        The names of the pictures, and why some could not be drawn.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
     """
     scene = case.scene(case.recipes[0])
     results = {
         method: answer.results for method, answer in answers.items() if answer.results
     }
     if (spectrum := _spectrum_chart(scene.surface)) is not None:
-        spectrum.save(folder / "power-spectrum")
+        spectrum.save(folder / _SPECTRUM)
     if "persson" in results:
         theory = persson.Theory.of_scene(scene, **case.options["persson"])
         areas = theory.magnification_curve(scene.load.final)
         pressures = theory.pressure_curve(scene.load.final)
-        _magnification_chart(case, areas, results).save(
-            folder / "persson-magnification"
-        )
+        chart = _magnification_chart(case, areas, results)
+        chart.save(folder / _MAGNIFICATION)
         for name, curve in (("magnification", areas), ("pressure", pressures)):
             columns = {key: list(values) for key, values in curve.columns().items()}
             write_json(folder / f"persson-{name}.json", columns)
-    return draw_answers(results, folder)
+    return _draw_results(results, folder)
 
 
-def draw_answers(results: Results, folder: Path) -> list[str]:
-    """Draw the pictures that need nothing but the answers and the fields in the
-    folder.
+def draw_saved(case_id: str, answers: Mapping[str, Any], folder: Path) -> Pictures:
+    """Draw the pictures of results that were read from files.
+
+    Args:
+        case_id: the id of the case, for messages.
+        answers: the content of the JSON file of each method, by the methods' names.
+        folder: the folder of the results, with the files of fields.
+
+    Returns:
+        The names of the pictures, and why some could not be drawn.
+
+    Raises:
+        OutputError: if a result is none of epcontact, or if a file cannot be read or
+            written.
     """
-    for path in itertools.chain(*map(folder.glob, _OF_ANSWERS)):  # of an earlier run
-        path.unlink()
-    found = {method: each for method, each in results.items() if each}
-    for name, chart in charts_of(found).items():
+    results = {}
+    for method, answer in answers.items():
+        try:
+            results[method] = [*map(ContactResult.from_json, answer["members"])]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise OutputError(
+                f"cannot draw {case_id}: {folder / method}.json holds no results of "
+                "this version; run verify again"
+            ) from None
+    return _draw_results(results, folder)
+
+
+def _draw_results(results: Results, folder: Path) -> Pictures:
+    """Draw the pictures that need nothing but the results and the fields in the
+    folder, and name all that are there.
+    """
+    given = {method: each for method, each in results.items() if each}
+    charts = charts_of(given)
+    for name, chart in charts.items():
         chart.save(folder / name)
-    _draw_maps(folder, list(found))
-    return [sentence for method in found if (sentence := _draw_body(folder, method))]
+    names = [*charts, *_draw_maps(folder, list(given))]
+    missing = []
+    for method in given:
+        if body := _find_body(folder, method):
+            name = f"body-{method}"
+            if why := _draw_body(body, folder / f"{name}.png", method):
+                missing.append(why)
+            else:
+                names.append(name)
+    # Pictures of an earlier run may no longer be those of the results.
+    of_methods = (
+        f"{kind}-{method}" for kind in ("contact", "body") for method in given
+    )
+    for name in {*_OF_RESULTS, *of_methods} - {*names}:
+        _remove(folder, name)
+    of_case = (_SPECTRUM, _MAGNIFICATION, *_film_names(folder))
+    names += [name for name in of_case if (folder / f"{name}.txt").is_file()]
+    return Pictures(names, missing)
+
+
+def _remove(folder: Path, name: str) -> None:
+    """Remove the files of one picture, which another run has drawn."""
+    for ending in _ENDINGS:
+        (folder / f"{name}{ending}").unlink(missing_ok=True)
+
+
+def _film_names(folder: Path) -> list[str]:
+    """Return the names of the films of the load paths whose fields are there."""
+    return [path.parent.name for path in folder.glob("*-steps/path.pvd")]
 
 
 def charts_of(found: Results, hardness: float = math.inf) -> dict[str, Chart]:
@@ -135,13 +199,10 @@ def draw_members(
             part for part in name.split(", ") if not part.startswith("mean_pressure ")
         ]
         curves.setdefault(", ".join(parts), []).extend(rows)
-    for path in itertools.chain(
-        *map(folder.glob, ("loads-*", "contact-*"))
-    ):  # of an earlier run
-        path.unlink()
-    for name, chart in load_charts(
-        dict(itertools.islice(curves.items(), _MOST_CURVES))
-    ).items():
+    charts = load_charts(dict(itertools.islice(curves.items(), _MOST_CURVES)))
+    for name in LOAD_CHARTS:
+        _remove(folder, name)  # it may be of an earlier run
+    for name, chart in charts.items():
         chart.save(folder / name)
     for path, words in fields.items():
         if path.is_file():
@@ -182,11 +243,12 @@ def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
     return charts
 
 
-def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
+def _draw_maps(folder: Path, methods: Sequence[str]) -> list[str]:
     """Draw the contact of each method's first surface, and the differences on a common
-    grid.
+    grid; return the names of the pictures.
     """
     fields = {}
+    maps = {}
     for method in methods:
         for path in [
             *folder.glob(f"{method}.vti"),
@@ -194,13 +256,13 @@ def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
         ][:1]:
             fields[method] = read_fields(path)
             caption = f"Contact state and pressure by {method}, {path.name}."
-            map_of_file(path, caption).save(folder / f"contact-{method}")
+            maps[f"contact-{method}"] = map_of_file(path, caption)
             for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
                 load = f"mean pressure {read_fields(step).attributes['mean_pressure']:.4g} Pa"
                 chart = map_of_file(
                     step, f"Contact state and pressure by {method}, {load}."
                 )
-                chart.save(folder / f"contact-{method}-{step.stem}")
+                maps[f"contact-{method}-{step.stem}"] = chart
     for names in itertools.combinations(sorted(fields), 2):
         one, two = (fields[name] for name in names)
         if (
@@ -210,27 +272,29 @@ def _draw_maps(folder: Path, methods: Sequence[str]) -> None:
         ):
             pressures = one.field("pressure"), two.field("pressure")
             chart = pressure_difference(*pressures, one.spacing, names=names)
-            chart.save(folder / f"pressure-difference-{'-'.join(names)}")
+            maps[f"pressure-difference-{'-'.join(names)}"] = chart
+    for name, chart in maps.items():
+        chart.save(folder / name)
+    return list(maps)
 
 
-def _draw_body(folder: Path, method: str) -> str:
-    """Draw a method's body, cut open, if there is one; return why it could not be
-    drawn, or "".
-    """
-    collections = sorted(
-        [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
-    )
-    body = next(
-        (each for each in collections if load_steps(each)[0].suffix == ".vtu"), None
-    )
-    target = folder / f"body-{method}.png"
-    if body is not None:
-        try:
-            screenshot(body, target, size=(1200, 600))
-        except OutputError as error:  # many machines cannot draw in three dimensions
-            return f"{target.name} is left out: {error}."
-        cut = "cut open at the last load: von Mises stress and plastic strain"
-        write_text(target.with_suffix(".txt"), f"The body of {method}, {cut}.\n")
+def _find_body(folder: Path, method: str) -> Path | None:
+    """Return the collection of a method's finite-element bodies, if it wrote one."""
+    collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
+    for collection in sorted(collections):
+        if load_steps(collection)[0].suffix == ".vtu":
+            return collection
+    return None
+
+
+def _draw_body(body: Path, target: Path, method: str) -> str:
+    """Draw the body of a method, cut open; return why it could not be drawn, or ""."""
+    try:
+        screenshot(body, target, size=(1200, 600))
+    except OutputError as error:  # many machines cannot draw in three dimensions
+        return f"{target.name} is left out: {error}."
+    cut = "cut open at the last load: von Mises stress and plastic strain"
+    write_text(target.with_suffix(".txt"), f"The body of {method}, {cut}.\n")
     return ""
 
 

@@ -31,6 +31,7 @@ from pydantic import (
 
 from epcontact import surfaces
 from epcontact.errors import InvalidScene, nearest
+from epcontact.files import NAME_PATTERN
 from epcontact.harness.case_files.axes import SweepTable, key
 from epcontact.harness.gates import DISTRIBUTION_NORMS, Gate, Kind, Norm
 from epcontact.harness.methods.registry import (
@@ -75,7 +76,7 @@ class CaseTable(Table):
 
     id: str = key(
         "name of the case, of its folder of results and on the command line",
-        pattern=r"^[a-z0-9][a-z0-9._-]*$",
+        pattern=NAME_PATTERN,
         max_length=80,
     )
     requirement: str = key("the requirement, one English sentence", min_length=1)

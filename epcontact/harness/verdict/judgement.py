@@ -21,7 +21,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, Literal
 
-from pydantic import Field, PrivateAttr
+from pydantic import Field, PrivateAttr, ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, OutputError, sentence_of
 from epcontact.files import read_bytes
@@ -34,6 +34,7 @@ from epcontact.harness.gates import (
     FALLS_SHORT,
     HOLDS,
     Estimate,
+    FileName,
     Gate,
     GateVerdict,
     Number,
@@ -63,7 +64,7 @@ class MethodEntry(Record):
     surfaces: int
     reused: int
     errors: list[str]
-    seconds: dict[str, Number] = Field(
+    seconds: dict[FileName, Number] = Field(
         default={},
         description="of each solve, by surface; of one that is reused, when it was made",
     )
@@ -76,17 +77,17 @@ class MethodEntry(Record):
 class CaseVerdict(Record):
     """One case and its gates."""
 
-    id: str
+    id: FileName
     family: str = Field(
         default="", description="the case file, which may hold several cases"
     )
-    size: str
+    size: FileName
     scene: str = Field(default="", description="SHA-256 of the scenes of its answers")
     status: Literal["holds", "falls short", "error", "skipped"]
     requirement: str
     source: str
     skipped_because: str
-    methods: dict[str, MethodEntry]
+    methods: dict[FileName, MethodEntry]
     gates: list[GateVerdict]
     not_judged: list[str] = Field(
         default=[],
@@ -145,23 +146,50 @@ class Verdict(Record):
 
     @classmethod
     def read(cls, file: Path, alone: bool = False) -> Verdict:
-        """Read a verdict.json, alone if no answer is there.  Raises OutputError if any
-        changed.
+        """Read a verdict.json, and check its digest and the names of its files.
+
+        Args:
+            file: the verdict.json; the results that it is about lie beside it.
+            alone: accept a verdict.json without the results, such as a copy of it.
+
+        Raises:
+            OutputError: if it or a result was changed, or if it names a case, a size or
+                a method by what is no name of a file.
         """
         content = read_bytes(file)
         with contextlib.suppress(
             KeyError, TypeError, ValueError, AttributeError, RecursionError
         ):
             found = json.loads(content)
+            # The names are checked here, before the digest takes them as paths.
+            verdict = cls._with_safe_names(found, file)
             if digest_of(found, file.parent) in {
                 found["digest"],
                 alone and found["digest"][:64],
             }:
-                return cls.model_validate(found)
+                return verdict
         why = (
             "it or an answer beside it was changed, moved or written by another version"
         )
         raise OutputError(f"cannot read {file}: {why}; run verify again")
+
+    @classmethod
+    def _with_safe_names(cls, content: dict[str, Any], file: Path) -> Verdict:
+        """Return the verdict that a file holds.  Raises OutputError if a name is none
+        of a file, and ValidationError if the content is no verdict.
+        """
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            for mistake in error.errors():
+                if mistake["type"] == "string_pattern_mismatch":
+                    place = ".".join(map(str, mistake["loc"])).removesuffix(".[key]")
+                    raise OutputError(
+                        f"cannot read {file}: {place} is {mistake['input']!r:.80}, but "
+                        "must be the name of a file or folder: letters, digits, '.', "
+                        "'_' and '-', with a letter, a digit or '_' first"
+                    ) from None
+            raise
 
     @property
     def content(self) -> dict[str, Any]:

@@ -1,0 +1,180 @@
+"""A folder of results that somebody else made cannot reach files outside of itself.
+
+Such a folder is the artifact of a pull request, for example.  Whoever makes it can give
+it any names and links, with digests that match.  Each test has a folder `results` and,
+beside it, a folder `private` whose files must neither be read, changed nor deleted.
+"""
+
+import base64
+import json
+import os
+import shutil
+
+import conftest
+import pytest
+from command_line import invoke
+
+from epcontact.harness.verdict import verify
+from epcontact.harness.verdict.read_back import digest_of
+
+SECRET = b"a private picture"
+#: Names of files that a report draws, and one that it only shows.
+PRIVATE_FILES = ("contact-bem.png", "residuals.csv", "loads-2024.txt", "holiday.png")
+
+
+@pytest.fixture(scope="module")
+def verified(tmp_path_factory):
+    """The output folder of a verification of one case with two methods."""
+    folder = tmp_path_factory.mktemp("verified")
+    (folder / "small.toml").write_text(conftest.SMALL_CASE)
+    verify(folder / "small.toml", jobs=1, output=folder)
+    return folder
+
+
+@pytest.fixture
+def results(verified, tmp_path):
+    """A copy of the folder, with private files and the results once more beside it."""
+    private = tmp_path / "private" / "fast"
+    shutil.copytree(verified / "small" / "fast", private)
+    for name in PRIVATE_FILES:
+        (private / name).write_bytes(SECRET)
+    (private / "holiday.txt").write_text("a private caption")
+    return shutil.copytree(verified, tmp_path / "results")
+
+
+def forge(results, change):
+    """Change the content of verdict.json, and its digest with it."""
+    file = results / "verdict.json"
+    verdict = json.loads(file.read_text())
+    (case,) = verdict["cases"]
+    change(case)
+    verdict["digest"] = digest_of(verdict, results)
+    file.write_text(json.dumps(verdict))
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def require_refusal(results, sentence, command=("report",)):
+    """Require one sentence and exit code 2, and that no private file has changed."""
+    private = results.parent / "private"
+    before = contents(private)
+    done = invoke(*command, results)
+    assert done.returncode == 2, done.stdout
+    assert done.stderr.count("\n") == 1
+    assert sentence in done.stderr
+    assert contents(private) == before
+    assert not (results / "report.html").exists()
+
+
+@pytest.mark.parametrize("command", [("report",), ("compare",), ("gates", "--output")])
+@pytest.mark.parametrize("name", ["../private", ".", "a/b", "", "small\n", ".hidden"])
+def test_the_id_of_a_case_cannot_be_a_path(results, name, command):
+    forge(results, lambda case: case.update(id=name))
+    require_refusal(results, f"cases.0.id is {name!r}, but must be the name", command)
+
+
+def test_the_id_of_a_case_cannot_be_an_absolute_path(results):
+    name = str(results.parent / "private")
+    forge(results, lambda case: case.update(id=name))
+    require_refusal(results, "cases.0.id is")
+
+
+def test_a_size_cannot_be_a_path(results):
+    forge(results, lambda case: case.update(size="../../private/fast"))
+    require_refusal(results, "cases.0.size is '../../private/fast'")
+
+
+@pytest.mark.parametrize("name", ["../../../private/fast/bem", "*"])
+def test_the_name_of_a_method_cannot_be_a_path_or_a_pattern(results, name):
+    def rename(case):
+        case["methods"][name] = case["methods"].pop("bem")
+
+    forge(results, rename)
+    require_refusal(results, f"cases.0.methods.{name} is {name!r}")
+
+
+def test_the_label_of_a_surface_cannot_be_a_path(results):
+    def rename(case):
+        case["methods"]["bem"]["seconds"] = {"../seed3": 1.0}
+
+    forge(results, rename)
+    require_refusal(results, "cases.0.methods.bem.seconds.../seed3 is '../seed3'")
+
+
+def test_a_picture_cannot_be_a_link_to_a_private_one(results):
+    folder = results / "small" / "fast"
+    (folder / "power-spectrum.png").symlink_to(
+        results.parent / "private" / "fast" / "holiday.png"
+    )
+    (folder / "power-spectrum.txt").write_text("A caption.")
+    require_refusal(results, "power-spectrum.png: it leads out of the folder")
+
+
+@pytest.mark.parametrize("place", ["small", "small/fast"])
+def test_a_folder_of_results_cannot_be_a_link_to_another(results, place):
+    shutil.rmtree(results / "small")
+    (results / place).parent.mkdir(exist_ok=True)
+    target = results.parent / "private"
+    (results / place).symlink_to(target / "fast" if "/" in place else target)
+    require_refusal(results, "leads out of the folder")
+
+
+def test_a_verification_draws_no_pictures_through_a_link(results):
+    shutil.rmtree(results / "small")
+    (results / "small").symlink_to(results.parent / "private")
+    case = results / "small.toml"
+    command = ("verify", case, "--report", "--output")
+    require_refusal(results, "leads out of the folder", command)
+
+
+@pytest.mark.parametrize("name", ["../../../private/fast/x.vti", "/etc/passwd"])
+def test_a_collection_cannot_name_a_file_outside_of_its_folder(results, name):
+    entry = f'<DataSet timestep="0" file="{name}"/>'
+    collection = f"<VTKFile><Collection>{entry}</Collection></VTKFile>"
+    (results / "small" / "fast" / "bem.pvd").write_text(collection)
+    require_refusal(results, "it leads out of the folder")
+
+
+def test_the_list_of_a_sweep_cannot_name_a_file_outside_of_its_folder(results):
+    task = {"file": "../private/fast/members/bem-seed3.json", "key": ""}
+    sweep = {"schema": "epcontact-sweep-1", "tasks": [task]}
+    (results / "sweep.json").write_text(json.dumps(sweep))
+    require_refusal(results, "it leads out of the folder", ("accuracy",))
+
+
+def test_a_link_that_stays_inside_and_a_folder_that_is_a_link_are_welcome(results):
+    (results / "latest").symlink_to("small")
+    link = results.parent / "link"
+    os.symlink(results, link)
+    assert invoke("report", link).returncode == 0
+    assert (results / "report.html").is_file()
+
+
+def test_a_report_shows_and_deletes_no_file_that_it_did_not_draw(results):
+    folder = results / "small" / "fast"
+    for name in ("contact-notes.txt", "loads-of-work.csv", "body-shop.png"):
+        (folder / name).write_bytes(SECRET)
+    (folder / "body-shop.txt").write_text("A caption.")
+    before = contents(results)
+    assert invoke("report", results).returncode == 0
+    assert before.items() <= contents(results).items()
+    page = (results / "report.html").read_text()
+    assert base64.b64encode(SECRET).decode() not in page
+
+
+def test_pictures_of_an_earlier_run_do_not_stay_beside_other_results(results):
+    earlier = results / "small" / "fast" / "loads-gap.png"
+    earlier.write_bytes(SECRET)
+    assert invoke("report", results).returncode == 0
+    assert not earlier.exists()
+
+
+def test_results_of_another_kind_are_one_sentence(results):
+    file = results / "small" / "fast" / "bem.json"
+    data = json.loads(file.read_text())
+    data["members"] = [{"method": 3}]
+    file.write_text(json.dumps(data))
+    forge(results, lambda case: None)
+    require_refusal(results, "bem.json holds no results of this version")
