@@ -30,8 +30,9 @@ FloatArray = NDArray[np.float64]
 APART, ELASTIC, PLASTIC = 0, 1, 2
 
 #: What a table of loads shows, with its unit: corrected areas over the nominal area,
-#: what follows from the fields of a load, and the hardness that the load was solved
-#: with.  A flowed area is contact that has flowed at some load, which is all that J2
+#: what follows from the fields of a load, the fractions of the contact points and of
+#: the load on heights that were not measured but filled, and the hardness that the
+#: load was solved with.  A flowed area is contact that has flowed at some load, which is all that J2
 #: knows where a load has fallen.
 COLUMNS: Mapping[str, str] = {
     "mean_pressure": "Pa",
@@ -47,6 +48,8 @@ COLUMNS: Mapping[str, str] = {
     "electrical_conductance": "S/m2",
     "contact_percolation": "",
     "gap_percolation": "",
+    "filled_contact": "",
+    "filled_load": "",
     "hardness": "Pa",
 }
 #: What a contact conducts where the conductivities of its bodies are known.

@@ -107,6 +107,8 @@ class Surface:
     #: By names of `results.COLUMNS`, shares that a map's treatment may change; areas:
     #: of the total.
     treatment_errors: Mapping[str, float] = field(default_factory=dict)
+    #: Where a height was filled or replaced, and not measured; None: nowhere.
+    filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         given = checked_heights(self.heights, "heights")
@@ -126,6 +128,7 @@ class Surface:
         if self.seed is not None:
             settle(self, seed=whole("seed", self.seed, 0))
         require_known(heights, "heights")
+        settle(self, filled=_checked_mask(self.filled, heights.shape))
         doubts = (*levels_note(given.dtype), *_doubts(self))
         new = cautioned(tuple(note for note in doubts if note not in self.notes))
         settle(self, notes=(*listed(self.notes), *new))
@@ -174,9 +177,14 @@ class Surface:
     @property
     def fingerprint(self) -> str:
         """The text that identifies the heights: their recipe, or the hash of their
-        bytes.
+        bytes and, if some were filled, of the mask of these.
         """
-        return self.recipe or hashlib.sha256(self.heights.data).hexdigest()
+        if self.recipe:
+            return self.recipe
+        digest = hashlib.sha256(self.heights.data)
+        if self.filled is not None:
+            digest.update(self.filled.data)
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -392,6 +400,27 @@ def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
         "at least two points a direction",
     )
     return heights
+
+
+def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+    """Return the mask of filled heights, read-only; None if it marks no point.
+
+    Raises InvalidScene if it is no mask of the heights' shape.
+    """
+    if given is None:
+        return None
+    mask = np.ascontiguousarray(given)
+    _require(
+        mask.dtype == np.bool_ and mask.shape == shape,
+        f"filled is an array of {mask.dtype} of shape {mask.shape}, but must be a mask "
+        f"of true and false of the shape of the heights, {shape}",
+    )
+    if not mask.any():
+        return None
+    if mask.flags.writeable or mask.base is not None:
+        mask = mask.copy()
+        mask.flags.writeable = False
+    return mask
 
 
 def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:

@@ -42,7 +42,10 @@ UNITS = {
     "displacement": "m",
     "plastic_displacement": "m",
     "state": "1",
+    "filled": "1",
 }
+#: Fields of small whole numbers, which are stored as bytes.
+BYTES = ("state", "filled")
 
 Attribute = str | float | int
 Precision = Literal["single", "double"]
@@ -107,6 +110,8 @@ def write_fields(
             f"cannot write {path}: the method {result.method} gives no fields"
         )
     fields = {"heights": surface.heights, **result.fields}
+    if surface.filled is not None:
+        fields["filled"] = surface.filled
     everything = {**_result_attributes(result), **(attributes or {})}
     level = _flat_height(fields) if precision == "single" else None
     if level is not None:
@@ -151,7 +156,7 @@ def write_image(
     }
     told = {name: _stored(value) for name, value in {**attributes, **named}.items()}
     real = "<f4" if precision == "single" else "<f8"
-    kinds = {name: np.dtype("|u1" if name == "state" else real) for name in planes}
+    kinds = {name: np.dtype("|u1" if name in BYTES else real) for name in planes}
     with whole_file(path) as temporary, temporary.open("wb") as file:
         file.write(_head(planes, kinds, spacing, told).encode())
         for values in told.values():

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
@@ -226,7 +226,12 @@ class HeightsFromFile(Preparation):
                 f"the periods make the grid {along_x} of the file, and {along_y}"
             )
         surface = prepared(
-            stored.heights, self, str(self.path), notes, self.unit or 1.0
+            stored.heights,
+            self,
+            str(self.path),
+            notes,
+            self.unit or 1.0,
+            stored.filled,
         )
         steep = f"the rms slope is {surface.rms_slope:.3g}, beyond that of any"
         remedy = (
@@ -326,7 +331,17 @@ class Facing:
                 name: math.hypot(*(s.treatment_errors.get(name, 0.0) for s in (a, b)))
                 for name in {**a.treatment_errors, **b.treatment_errors}
             },
+            filled=_either(a.filled, b.filled),
         )
+
+
+def _either(
+    first: NDArray[np.bool_] | None, second: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Return the mask of the points that either of two masks marks; None: no point."""
+    if first is None or second is None:
+        return second if first is None else first
+    return first | second
 
 
 def residual_surface(surface: Surface, result: ContactResult) -> Surface:

@@ -54,6 +54,7 @@ class HeightMap:
         None  # in the unit of the heights, if the file gives them
     )
     notes: tuple[str, ...] = ()
+    filled: NDArray[np.bool_] | None = None  # where a result says that heights were
 
 
 def file_digest(path: Path) -> str:
@@ -123,7 +124,9 @@ def _read_fields(path: Path) -> HeightMap:
             f"{path}: its body is under load, and J2 flow shows only without it; let the load path "
             "of the result end at 0"
         )
-    return HeightMap(heights, in_metres=True, periods=file.periods)
+    mask = file.fields.get("filled")
+    filled = None if mask is None else mask.astype(bool)
+    return HeightMap(heights, in_metres=True, periods=file.periods, filled=filled)
 
 
 def _read_mesh(path: Path) -> HeightMap:

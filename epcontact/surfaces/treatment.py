@@ -146,9 +146,11 @@ def prepared(
     where: str,
     notes: Iterable[str] = (),
     unit: float = 1.0,
+    filled_before: NDArray[np.bool_] | None = None,
 ) -> Surface:
     """Treat a recipe's heights, NaN where missing and in `unit` of metres.  Raises
-    InvalidScene.
+    InvalidScene.  The mask `filled` of the surface marks the heights that are filled
+    here and those that were filled before.
     """
     heights = np.multiply(given, unit, dtype=np.float64, order="C")
     require_known(heights, where, recipe.missing)
@@ -173,13 +175,12 @@ def prepared(
     if 0 < np.nanstd(heights) < ROUNDING * largest:
         heights = np.where(np.isnan(heights), np.nan, 0.0)
         said.append("what is left is rounding, so that the surface is flat")
-    if np.isnan(heights).any():
-        method = "harmonic" if recipe.missing == "refuse" else recipe.missing
-        absent = int(np.count_nonzero(np.isnan(given)))
-        heights = filled(heights, method)
-        if absent:
-            missing = f"{absent} of {heights.size} heights missing ({100 * absent / heights.size:.2g} %)"
-            said.append(f"{missing}, filled by the method {method}")
+    replaced = np.isnan(heights)
+    if replaced.any():
+        heights, told = _with_fill(heights, given, recipe.missing)
+        said += told
+    if filled_before is not None:
+        replaced |= filled_before
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _jumping(jumps):
@@ -190,7 +191,9 @@ def prepared(
     periods = recipe.periods
     treated = recipe.treatment == "mirrored" or bool(why) or _jumping(jumps)
     if recipe.treatment == "mirrored":
-        heights = np.pad(heights, [(0, n) for n in heights.shape], mode="symmetric")
+        after = [(0, n) for n in heights.shape]
+        heights = np.pad(heights, after, mode="symmetric")
+        replaced = np.pad(replaced, after, mode="symmetric")
         periods = tuple(2 * p for p in periods)
         said.append(
             "mirrored at its edges, so that the period is twice the map each way"
@@ -211,10 +214,27 @@ def prepared(
     known = {
         "shortest_wavelength": recipe.shortest_wavelength,
         "recipe": recipe.fingerprint,
+        "filled": replaced,
     }
     return _with_doubts(
         Surface(heights, periods, notes=tuple(said), **known), recipe, treated
     )
+
+
+def _with_fill(
+    heights: FloatArray, given: NDArray[Any], missing: str
+) -> tuple[FloatArray, list[str]]:
+    """Return the heights without holes, and a note if some were missing in the map
+    itself.
+
+    Where missing heights are refused, the only holes are those of removed outliers,
+    which are filled harmonically.
+    """
+    method = "harmonic" if missing == "refuse" else missing
+    absent = int(np.count_nonzero(np.isnan(given)))
+    percent = f"{100 * absent / heights.size:.2g} %"
+    note = f"{absent} of {heights.size} heights missing ({percent}), filled by the method {method}"
+    return filled(heights, method), [note] if absent else []
 
 
 def _with_doubts(surface: Surface, recipe: Any, treated: bool) -> Surface:

@@ -22,6 +22,7 @@ from epcontact.errors import EpcontactError, InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
 from epcontact.harness.answers.store import ROW, Task, described
 from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.filled import FILLED, filled_notes
 from epcontact.harness.quantities.registry import QUANTITIES, measured
 from epcontact.materials.hardness_map import MappedHardness
 from epcontact.output.vtk import write_fields
@@ -55,7 +56,8 @@ def solve_path(
         shutil.rmtree(
             task.steps, ignore_errors=True
         )  # a longer path may have been there
-    at_load = partial(_shown, task) if task.rows or task.steps else None
+    fills = task.method.has_fields and scene.surface.filled is not None
+    at_load = partial(_shown, task) if task.rows or task.steps or fills else None
     own = [found.value for found in mapped] or [scene.material.hardness] * len(path)
     result = _walked(task, scene, own, threads, at_load, moving)
     known = [{} if math.isinf(cap) or j2 else {"hardness": cap} for cap in own]
@@ -81,7 +83,9 @@ def solve_path(
             names = [n for n in step.quantities if n.startswith("conductance")]
             made = {f"{kind}_{name}": scale * step.quantities[name] for name in names}
             steps[at] = replace(step, quantities={**step.quantities, **made})
-    return replace(result, steps=tuple(steps))
+    return replace(
+        result, steps=tuple(steps), notes=(*result.notes, *filled_notes(steps))
+    )
 
 
 def _walked(
@@ -210,15 +214,19 @@ def _shown(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
     """Add what a table of loads shows, as far as it is defined; write the fields of a
     load.
     """
-    if task.rows and scene.surface.heights.size <= _MOST_POINTS:
+    surface = scene.surface
+    names = ROW if task.rows and surface.heights.size <= _MOST_POINTS else FILLED
+    if surface.filled is None:
+        names = tuple(name for name in names if name not in FILLED)
+    if names:
         answered, values = Answered(scene, result), dict(result.final.quantities)
-        for name in ROW:
+        for name in names:
             try:
                 values[name.removeprefix("quantity.")] = measured(name, answered)
             except (InvalidCase, NotConverged):  # such as the conductance of a layer
                 continue
         final = replace(result.final, quantities=values)
-        final = final.with_errors(scene.surface.treatment_errors, "treatment")
+        final = final.with_errors(surface.treatment_errors, "treatment")
         result = replace(result, steps=(*result.steps[:-1], final))
     if task.steps is not None and task.method.steps == "on_step":
         number = len(result.steps) - 1
