@@ -1,6 +1,4 @@
-"""A closed form for gates: exact scalars, fields and pressures of the scenes that it
-describes.
-"""
+"""A closed form for gates: exact values, fields and pressures of certain scenes."""
 
 from __future__ import annotations
 
@@ -15,81 +13,94 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray, PressureDistribution
 from epcontact.scene import Scene
 
-Answer = TypeVar("Answer", bound=Callable[[Scene], Any])
+SceneFunction = TypeVar("SceneFunction", bound=Callable[[Scene], Any])
 
 
 class ClosedForm:
-    """An exact solution by the name that gates use, and its source.
+    """An exact solution, under the name that gates use.
 
-    Functions of the scene belong to it by the decorator `gives`.  One that is not
-    `exact` is a law that others published.
+    Functions of a scene are added to it by the decorator `gives`.  The methods that
+    evaluate it raise InvalidCase if the form does not give the quantity, or does not
+    describe the scene.
+
+    Attributes:
+        name: The name that gates use.
+        source: Where the solution is published or derived.
+        exact: False for an approximate law that others published.
     """
 
     def __init__(self, name: str, source: str, *, exact: bool = True) -> None:
-        self.name, self.source, self.exact = name, source, exact
-        self._answers: dict[str, Callable[[Scene], Any]] = {}
+        self.name = name
+        self.source = source
+        self.exact = exact
+        self._functions: dict[str, Callable[[Scene], Any]] = {}
 
-    def gives(self, *quantities: str) -> Callable[[Answer], Answer]:
-        """Decorate a function of the scene by the quantities that it gives, and gates
-        can read.
+    def gives(self, *quantities: str) -> Callable[[SceneFunction], SceneFunction]:
+        """Return a decorator that adds a function of the scene under these quantities.
 
-        An area is the exact value of both of a method's estimates, raw and corrected.
+        The function's value of an area is the reference of both estimates of a method,
+        raw and corrected.
         """
 
-        def register(answer: Answer) -> Answer:
+        def register(function: SceneFunction) -> SceneFunction:
             for quantity in quantities:
-                kinds = (
-                    (".raw", ".corrected") if quantity.startswith("area.") else ("",)
-                )
-                self._answers.update({quantity + kind: answer for kind in kinds})
-            return answer
+                if quantity.startswith("area."):
+                    self._functions[f"{quantity}.raw"] = function
+                    self._functions[f"{quantity}.corrected"] = function
+                else:
+                    self._functions[quantity] = function
+            return function
 
         return register
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """The names that a gate can read."""
-        return tuple(self._answers)
+        """The names of the quantities that a gate can read."""
+        return tuple(self._functions)
 
     def knows(self, quantity: str) -> bool:
-        """True if a gate can read `quantity` of this form."""
-        return quantity in self._answers
-
-    # Each of these raises InvalidCase if the form does not know what is asked, or the
-    # scene.
+        """Return whether the form gives `quantity`."""
+        return quantity in self._functions
 
     def scalar(self, quantity: str, scene: Scene) -> float:
-        """The value of a quantity."""
-        return float(self._answer(quantity)(scene))
+        """Return the value of a quantity in its unit."""
+        return float(self._function(quantity)(scene))
 
     def field(self, name: str, scene: Scene) -> FloatArray:
-        """A field on the scene's grid."""
-        return np.asarray(self._answer(f"field.{name}")(scene))
+        """Return a field, such as "pressure" or "gap", on the scene's grid."""
+        return np.asarray(self._function(f"field.{name}")(scene))
 
     def pressures(self, scene: Scene) -> PressureDistribution:
-        """The distribution of the pressures."""
-        found: PressureDistribution = self._answer("distribution")(scene)
-        return found
+        """Return the distribution of the contact pressure."""
+        distribution: PressureDistribution = self._function("distribution")(scene)
+        return distribution
 
-    def needs(self, condition: bool, words: str) -> None:
-        """Raise InvalidCase unless the scene is what the form describes, in words."""
+    def require(self, condition: bool, words: str) -> None:
+        """Raise InvalidCase unless the scene meets a condition.
+
+        Args:
+            condition: True if the form describes the scene.
+            words: What the form describes, such as "an elastic half-space".
+        """
         if not condition:
             raise InvalidCase(
-                f"the closed form {self.name} describes {words}, which this scene is not"
+                f"the closed form {self.name} describes {words}, which this "
+                "scene is not"
             )
 
     def elastic_half_space(self, scene: Scene) -> float:
-        """Return E* of an elastic half-space; raise InvalidCase for another scene."""
-        elastic = (
-            scene.material.hardness == math.inf and scene.body.kind == "half_space"
+        """Return E* in Pa of an elastic half-space; raise InvalidCase for others."""
+        elastic = scene.material.hardness == math.inf
+        self.require(
+            elastic and scene.body.kind == "half_space", "an elastic half-space"
         )
-        self.needs(elastic, "an elastic half-space")
         return effective_modulus(scene.material)
 
-    def _answer(self, quantity: str) -> Callable[[Scene], Any]:
-        if quantity not in self._answers:
+    def _function(self, quantity: str) -> Callable[[Scene], Any]:
+        """Return the function of a quantity; raise InvalidCase if there is none."""
+        if quantity not in self._functions:
             raise InvalidCase(
                 f"the closed form {self.name} has no {quantity!r}; it has "
-                f"{', '.join(self._answers)}"
+                f"{', '.join(self._functions)}"
             )
-        return self._answers[quantity]
+        return self._functions[quantity]

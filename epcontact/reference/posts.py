@@ -1,5 +1,4 @@
-"""One flat post a period, pressed without friction: formulas, and the closed forms for
-gates.
+"""One flat post per period, pressed without friction: formulas and closed forms.
 
 Symbols: F = force (N), P' = force per length (N/m), a = radius or half-width (m), E* =
 effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardness
@@ -24,7 +23,8 @@ from epcontact.scene import Scene
 
 FLAT_PUNCH = ClosedForm(
     "flat_punch",
-    "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the row",
+    "Johnson, Contact Mechanics (1985), sections 2.8 and 3.4; Westergaard 1939 for the "
+    "row",
 )
 CAPPED_STRIP = ClosedForm(
     "capped_strip",
@@ -35,8 +35,17 @@ CAPPED_STRIP = ClosedForm(
 def strip_pressure_periodic(
     distance: FloatArray, force_per_length: float, half_width: float, period: float
 ) -> FloatArray:
-    """p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2) in Pa, t = pi x/L; infinite at the
-    rim.
+    """Return the pressure in Pa under a row of strips, with t = pi x/L:
+
+        p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2)
+
+    It is infinite at the rim and 0 outside of the strip.
+
+    Args:
+        distance: x from the middle of a strip in m, of any shape.
+        force_per_length: P' in N/m.
+        half_width: a in m.
+        period: L in m.
     """
     angle = np.pi * np.asarray(distance) / period
     depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
@@ -46,103 +55,143 @@ def strip_pressure_periodic(
 
 
 def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
-    """Share of the post's points, and the half-width of a strip or radius of a disc (m)
-    of it.
+    """Measure the post on the heights of a scene.
+
+    Returns:
+        Area of the post as a fraction of the nominal area; half-width of a strip, or
+        radius of a disc of this area, in m.
+
+    Raises:
+        InvalidCase: The surface is no flat post on a floor, on a half-space.
     """
-    form.needs(scene.body.kind == "half_space", "a half-space")
-    heights, period = scene.surface.heights, scene.surface.periods[0]
-    share = float((heights == heights.max()).mean())
-    flat = np.unique(heights).size == 2 and share < 0.9
-    form.needs(flat and len(set(scene.surface.periods)) == 1, "a flat post on a floor")
-    return share, share * period / 2 if heights.ndim == 1 else period * math.sqrt(
-        share / math.pi
-    )
+    form.require(scene.body.kind == "half_space", "a half-space")
+    heights = scene.surface.heights
+    period = scene.surface.periods[0]
+    fraction = float((heights == heights.max()).mean())
+    is_flat = np.unique(heights).size == 2 and fraction < 0.9
+    is_square = len(set(scene.surface.periods)) == 1
+    form.require(is_flat and is_square, "a flat post on a floor")
+    if heights.ndim == 1:
+        return fraction, fraction * period / 2
+    return fraction, period * math.sqrt(fraction / math.pi)
 
 
-FLAT_PUNCH.gives("area.total")(lambda scene: _post(scene, FLAT_PUNCH)[0])
+def _row_stiffness(half_width: float, scene: Scene) -> float:
+    """Return the stiffness of a row of elastic strips per nominal area in Pa/m.
 
-
-def _stiffness(half_width: float, scene: Scene) -> float:
-    """Of a row of elastic strips, pi E*/(2 L ln(1/sin(pi a/L))), in Pa/m."""
-    E, period = effective_modulus(scene.material), scene.surface.periods[0]
-    return (
-        -math.pi * E / (2 * period * math.log(math.sin(math.pi * half_width / period)))
-    )
+    It is pi E*/(2 L ln(1/sin(pi a/L))), with the half-width a in m.
+    """
+    E = effective_modulus(scene.material)
+    period = scene.surface.periods[0]
+    log_sine = math.log(math.sin(math.pi * half_width / period))
+    return -math.pi * E / (2 * period * log_sine)
 
 
 def _post_stiffness(scene: Scene) -> float:
-    """Of the row of strips; of discs 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 +
-    (S_3/3)(a/L)^2]), whose images act on the disc and are discs themselves, each with
-    <r^2> = 2 a^2/3 under its pressure; what follows, 3.2 (a/L)^6 in the brackets, is
-    3e-4 of the whole at a/L = 1/4 and 2e-2 at .4.
+    """Return the stiffness of elastic strips or discs per nominal area in Pa/m.
+
+    The stiffness of discs is 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 + (S_3/3)(a/L)^2 +
+    ...]).  The images act on the disc and are discs themselves, each with <r^2> = 2
+    a^2/3 under its pressure.  The first omitted term, 3.2 (a/L)^6 in the brackets, is
+    3e-4 of the sum at a/L = 1/4 and 2e-2 at .4.
     """
-    (_, a), E = _post(scene, FLAT_PUNCH), FLAT_PUNCH.elastic_half_space(scene)
+    _, a = _post(scene, FLAT_PUNCH)
+    E = FLAT_PUNCH.elastic_half_space(scene)
     if scene.surface.heights.ndim == 1:
-        return _stiffness(a, scene)
-    b = a / (period := scene.surface.periods[0])
-    FLAT_PUNCH.needs(b <= 0.25, "discs of at most a quarter of the period in radius")
+        return _row_stiffness(a, scene)
+    period = scene.surface.periods[0]
+    b = a / period
+    FLAT_PUNCH.require(b <= 0.25, "discs of at most a quarter of the period in radius")
     images = -MADELUNG + LATTICE_SUM_3 / 3 * b**2 + 2 / 5 * LATTICE_SUM_5 * b**4
     images -= 2 / (45 * math.pi) * LATTICE_SUM_3**2 * b**5
     return E / (period**2 / (2 * a) + period / math.pi * images)
 
 
-# Half of the load times the sinking of the punch, per nominal area.
-FLAT_PUNCH.gives("quantity.elastic_energy")(
-    lambda scene: scene.load.final**2 / (2 * _post_stiffness(scene))
-)
-# Times the sum of the resistivities, in 1/m.
-FLAT_PUNCH.gives("quantity.conductance")(
-    lambda scene: 2 * _post_stiffness(scene) / effective_modulus(scene.material)
-)
+@FLAT_PUNCH.gives("area.total")
+def _punch_fraction(scene: Scene) -> float:
+    """Return the area of the post as a fraction of the nominal area."""
+    fraction, _ = _post(scene, FLAT_PUNCH)
+    return fraction
+
+
+@FLAT_PUNCH.gives("quantity.elastic_energy")
+def _punch_energy(scene: Scene) -> float:
+    """Return half of load times approach, in J per m^2 of nominal area."""
+    return scene.load.final**2 / (2 * _post_stiffness(scene))
+
+
+@FLAT_PUNCH.gives("quantity.conductance")
+def _punch_conductance(scene: Scene) -> float:
+    """Return the conductance times the sum of the resistivities, in 1/m."""
+    return 2 * _post_stiffness(scene) / effective_modulus(scene.material)
 
 
 @FLAT_PUNCH.gives("quantity.smallest_contact_pressure")
 def _middle_pressure(scene: Scene) -> float:
-    """The smallest pressure under a strip, which is in its middle."""
+    """Return the smallest pressure under a strip, in its middle, in Pa."""
     _, a = _post(scene, FLAT_PUNCH)
     period = scene.surface.periods[0]
-    FLAT_PUNCH.needs(scene.surface.heights.ndim == 1, "a strip, to know its middle")
+    FLAT_PUNCH.require(scene.surface.heights.ndim == 1, "a strip, to know its middle")
     force = scene.load.final * period
     return float(strip_pressure_periodic(np.zeros(1), force, a, period)[0])
 
 
-def _elastic_middle(scene: Scene) -> float:
-    """Half-width e of the elastic middle of a capped strip in m, which ends where no
-    singularity is left: cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
+def _elastic_half_width(scene: Scene) -> float:
+    """Return the half-width e in m of the elastic middle of a capped strip.
+
+    The middle ends where no singularity is left:
+    cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
     """
-    (_, a), period = _post(scene, CAPPED_STRIP), scene.surface.periods[0]
-    capped = math.isfinite(scene.material.hardness) and scene.surface.heights.ndim == 1
-    CAPPED_STRIP.needs(capped, "a strip of finite hardness")
-    share = scene.load.final / scene.material.hardness
-    cosine = math.cos(math.pi * a / period) / math.cos(math.pi * share / 2)
-    CAPPED_STRIP.needs(cosine < 1, "a strip that does not flow altogether")
+    _, a = _post(scene, CAPPED_STRIP)
+    period = scene.surface.periods[0]
+    is_capped = math.isfinite(scene.material.hardness)
+    is_strip = scene.surface.heights.ndim == 1
+    CAPPED_STRIP.require(is_capped and is_strip, "a strip of finite hardness")
+    load = scene.load.final / scene.material.hardness
+    cosine = math.cos(math.pi * a / period) / math.cos(math.pi * load / 2)
+    CAPPED_STRIP.require(cosine < 1, "a strip that does not flow altogether")
     return period / math.pi * math.acos(cosine)
 
 
+@CAPPED_STRIP.gives("area.total")
+def _strip_fraction(scene: Scene) -> float:
+    """Return the width of the strip as a fraction of the period."""
+    fraction, _ = _post(scene, CAPPED_STRIP)
+    return fraction
+
+
 @CAPPED_STRIP.gives("area.plastic")
-def _yielded_rim(scene: Scene) -> float:
-    rim = _post(scene, CAPPED_STRIP)[1] - _elastic_middle(scene)
+def _plastic_fraction(scene: Scene) -> float:
+    """Return the width of the two plastic rims as a fraction of the period."""
+    _, a = _post(scene, CAPPED_STRIP)
+    rim = a - _elastic_half_width(scene)
     return 2 * rim / scene.surface.periods[0]
 
 
-CAPPED_STRIP.gives("area.total")(lambda scene: _post(scene, CAPPED_STRIP)[0])
-CAPPED_STRIP.gives("area.elastic")(
-    lambda scene: _post(scene, CAPPED_STRIP)[0] - _yielded_rim(scene)
-)
+@CAPPED_STRIP.gives("area.elastic")
+def _elastic_fraction(scene: Scene) -> float:
+    """Return the width of the elastic middle as a fraction of the period."""
+    return _strip_fraction(scene) - _plastic_fraction(scene)
 
 
-# The yielded rim carries no more of a growing load; all of the strip is elastic as soon
-# as the load falls, and all of it conducts at any load.
-CAPPED_STRIP.gives("quantity.conductance")(
-    lambda scene: (
-        2
-        * _stiffness(_post(scene, CAPPED_STRIP)[1], scene)
-        / effective_modulus(scene.material)
-    )
-)
-CAPPED_STRIP.gives("quantity.stiffness_unloading")(
-    lambda scene: _stiffness(_post(scene, CAPPED_STRIP)[1], scene)
-)
-CAPPED_STRIP.gives("quantity.stiffness_loading")(
-    lambda scene: _stiffness(_elastic_middle(scene), scene)
-)
+@CAPPED_STRIP.gives("quantity.stiffness_loading")
+def _stiffness_loading(scene: Scene) -> float:
+    """Return the stiffness in Pa/m under a growing load, without the plastic rims."""
+    return _row_stiffness(_elastic_half_width(scene), scene)
+
+
+@CAPPED_STRIP.gives("quantity.stiffness_unloading")
+def _stiffness_unloading(scene: Scene) -> float:
+    """Return the stiffness under a falling load, for which all of the strip is
+    elastic.
+    """
+    _, a = _post(scene, CAPPED_STRIP)
+    return _row_stiffness(a, scene)
+
+
+@CAPPED_STRIP.gives("quantity.conductance")
+def _strip_conductance(scene: Scene) -> float:
+    """Return conductance times the sum of the resistivities, 1/m; all of it
+    conducts.
+    """
+    return 2 * _stiffness_unloading(scene) / effective_modulus(scene.material)

@@ -1,5 +1,4 @@
-"""Closed forms of a rough surface: its slope, the contact at light load, and the
-bearing area.
+"""Closed forms of a rough surface: slope, contact at light load and bearing area.
 
 They use only the heights, not the recipe or the spectrum behind them.
 """
@@ -33,19 +32,23 @@ _LIGHT = 0.15
 
 @BEARING_AREA.gives("area.total", "area.plastic")
 def _bearing_fraction(scene: Scene) -> float:
-    """A = p0/sigma_P, the limit in which elasticity carries nothing (Abbott and
-    Firestone 1933).
+    """Return A = p0/sigma_P, the limit in which elastic contact carries nothing.
+
+    Source: Abbott and Firestone (1933).
     """
-    BEARING_AREA.needs(math.isfinite(scene.material.hardness), "a finite hardness")
+    BEARING_AREA.require(math.isfinite(scene.material.hardness), "a finite hardness")
     return scene.load.final / scene.material.hardness
 
 
-BEARING_AREA.gives("area.elastic")(lambda scene: 0 * _bearing_fraction(scene))
+@BEARING_AREA.gives("area.elastic")
+def _no_elastic_area(scene: Scene) -> float:
+    """Return 0 for a scene that the form describes."""
+    return 0 * _bearing_fraction(scene)
 
 
 @BEARING_AREA.gives("quantity.mean_gap")
 def _bearing_gap(scene: Scene) -> float:
-    """Mean gap below the flat that cuts off the highest p0/sigma_P of the heights."""
+    """Return the mean gap in m below the flat that cuts off the highest p0/sigma_P."""
     ordered = np.sort(scene.surface.heights, axis=None)[::-1]
     contact = _bearing_fraction(scene) * ordered.size
     flat = float(ordered[min(int(contact), ordered.size - 1)])
@@ -54,8 +57,9 @@ def _bearing_gap(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.rms_slope")
 def rms_slope(scene: Scene) -> float:
-    """The rms slope by spectral derivatives along each axis: exact for band-limited
-    heights.
+    """Return the rms slope by spectral derivatives along each axis.
+
+    It is exact for band-limited heights.
     """
     surface = scene.surface
     total = 0.0
@@ -70,8 +74,8 @@ def rms_slope(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.diffusion")
 def _half_variance(scene: Scene) -> float:
-    """Half the variance of the pressure in full contact, E*^2 xi^2/8 in Pa^2, not by
-    the theory.
+    """Return half the variance of the pressure in full contact, E*^2 xi^2/8, in
+    Pa^2.
     """
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
@@ -79,18 +83,29 @@ def _half_variance(scene: Scene) -> float:
 def light_load_area(
     mean_pressure: float, effective_modulus: float, rms_slope: float
 ) -> float:
-    """Elastic contact area at light load by equation (6) of the paper: A = 2 p_0 / (xi
-    E*). Persson's theory has sqrt(8/(pi gamma)) in the place of 2, the factor of
-    boundary elements.
+    """Return the elastic contact area at light load by equation (6) of the paper:
+
+        A = 2 p_0 / (xi E*)
+
+    Boundary elements give the factor 2, and Persson's theory sqrt(8/(pi gamma)).
+
+    Args:
+        mean_pressure: p_0 in Pa.
+        effective_modulus: E* in Pa.
+        rms_slope: xi.
+
+    Returns:
+        The area as a fraction of the nominal area.
     """
     return 2 * mean_pressure / (rms_slope * effective_modulus)
 
 
 @LIGHT_LOAD.gives("area.total")
 def _light_load(scene: Scene) -> float:
+    """Return the contact area of a rough surface at light load, as a fraction."""
     E = LIGHT_LOAD.elastic_half_space(scene)
     slope = rms_slope(scene)
-    LIGHT_LOAD.needs(scene.surface.heights.ndim == 2 and slope > 0, "a rough surface")
+    LIGHT_LOAD.require(scene.surface.heights.ndim == 2 and slope > 0, "a rough surface")
     area = light_load_area(scene.load.final, E, slope)
-    LIGHT_LOAD.needs(area <= _LIGHT, f"a contact area of at most {_LIGHT:g}")
+    LIGHT_LOAD.require(area <= _LIGHT, f"a contact area of at most {_LIGHT:g}")
     return area

@@ -312,7 +312,7 @@ FAULTS = (
     Fault(
         "steps of first order by the local rule",
         "persson",
-        at(P + "local._GAMMA", 1.0),
+        at(P + "local._DIAGONAL", 1.0),
         test=LOCAL
         + "test_cells_and_steps_are_of_second_order_and_the_default_is_right",
     ),
