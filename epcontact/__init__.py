@@ -47,9 +47,9 @@ if TYPE_CHECKING:
         OutputError,
         SurfaceWarning,
     )
-    from epcontact.harness.answers.pictures import plot
     from epcontact.harness.verdict import Verdict, verify
     from epcontact.materials.hardness_map import MappedHardness, effective_hardness
+    from epcontact.pictures.charts import plot
     from epcontact.reference.conductance import joint_conductance
     from epcontact.results import (
         Areas,
@@ -103,9 +103,7 @@ def __getattr__(name: str) -> Any:
     nothing.
     """
     for home in (
-        (*_HOMES, "harness.verdict", "harness.answers.pictures")
-        if name in __all__
-        else ()
+        (*_HOMES, "harness.verdict", "pictures.charts") if name in __all__ else ()
     ):
         module = importlib.import_module(f"epcontact.{home}")
         if hasattr(module, name):

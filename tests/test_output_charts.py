@@ -22,10 +22,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from epcontact.errors import OutputError
-from epcontact.harness.answers.pictures import theory_densities
 from epcontact.output.charts import curves, maps
 from epcontact.output.charts.plot import Plot, draw_table, observed_order, pareto_front
 from epcontact.output.charts.style import PART_COLOURS, SETTINGS, STATE_NAMES, unit_for
+from epcontact.pictures.charts import theory_densities
 from epcontact.results import (
     APART,
     ELASTIC,

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
@@ -15,8 +14,8 @@ from rich.table import Table
 from epcontact.cli import options, tables
 from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output, tell
-from epcontact.errors import EpcontactError, OutputError
-from epcontact.files import require_links_inside, write_text
+from epcontact.errors import EpcontactError
+from epcontact.files import require_links_inside
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import (
@@ -30,11 +29,8 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.verdict import verification as verifying
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
-from epcontact.output.view import animate, load_steps
+from epcontact.output.charts.figures import Pictures
 from epcontact.surfaces import HeightsFromFile, Mirrored
-
-if TYPE_CHECKING:
-    from epcontact.output.report import Pictures
 
 
 @click.command()
@@ -233,7 +229,7 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
 
 def _write_report(verdict: Verdict, output: Path) -> None:
     """Draw the pictures of all cases that were solved and write the page of them."""
-    from epcontact.output.report import Pictures, report_folder  # with jinja2
+    from epcontact.output.report import report_folder  # with jinja2
 
     judged_cases = {judged.id: judged for judged in verdict.cases}
 
@@ -249,28 +245,24 @@ def _write_report(verdict: Verdict, output: Path) -> None:
 def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> Pictures:
     """Draw the pictures of a case; print why some could not be drawn."""
     # Charts take long to load.
-    from epcontact.harness.answers.pictures import write_pictures
+    from epcontact.pictures.folder import draw_case
 
-    pictures = write_pictures(case, answers, case.folder(output))
+    pictures = draw_case(case, answers, case.folder(output))
     for sentence in pictures.missing:
         tell(f"epcontact: {sentence}")
     return pictures
 
 
 def _draw_films(case: Case, output: Path) -> None:
-    """Draw a film of every load path that was written; a path of one load has none."""
-    for collection in sorted(case.folder(output).glob("*-steps/path.pvd")):
-        target = collection.parent.with_suffix(".gif")
-        if len(load_steps(collection)) == 1:
-            continue
-        try:
-            animate([collection], target)
-            write_text(
-                target.with_suffix(".txt"), f"The loads of the path {target.stem}.\n"
-            )
-            click.echo(f"film in {target}")
-        except OutputError as error:  # many machines cannot draw; the results are whole
-            tell(f"epcontact: {target} is left out: {error}")
+    """Draw a film of every load path of a case; print where, or why it is left out."""
+    from epcontact.pictures.folder import draw_films
+
+    folder = case.folder(output)
+    films = draw_films(folder)
+    for name in films.names:
+        click.echo(f"film in {folder / name}.gif")
+    for sentence in films.missing:
+        tell(f"epcontact: {sentence}")
 
 
 def _load(text: CaseText, size: str) -> Case:

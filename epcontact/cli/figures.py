@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from epcontact.harness.answers.pictures import draw_saved
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
+from epcontact.pictures.folder import draw_saved
 
 _file = click.Path(path_type=Path, dir_okay=False)
 

@@ -319,15 +319,11 @@ def sweep(
     for note, count in swept.notes.items():
         click.echo(f"note of {count} task{'s' * (count > 1)}: {note}")
     if charts:
-        from epcontact.harness.answers.pictures import (
-            draw_members,
-        )  # charts take long to load
+        # Charts take long to load.
+        from epcontact.pictures.folder import draw_sweep
 
-        draw_members(
-            swept.folder,
-            {n: rows for n, (rows, _) in swept.loads.items()},
-            swept.fields,
-        )
+        rows_by_point = {point: rows for point, (rows, _) in swept.loads.items()}
+        draw_sweep(swept.folder, rows_by_point, swept.fields)
     for path, words in swept.fields.items():
         click.echo(f"fields of {words} in {path}")
     tasks = swept.table.loc[swept.table["load"] == 0, "solved"]

@@ -17,7 +17,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jinja2
 
@@ -28,25 +28,11 @@ from epcontact.files import (
     require_links_inside,
     write_text,
 )
+from epcontact.output.charts.figures import Pictures
 from epcontact.output.charts.style import unit_for
 from epcontact.output.loads import load_cells
 
 Data = Mapping[str, Any]  # the content of a JSON file
-
-
-class Pictures(NamedTuple):
-    """The pictures of a case's results in its folder.
-
-    Attributes:
-        names: the names of the files without their endings.  Each picture has a caption
-            (.txt) beside it.
-        missing: a sentence for each picture that could not be drawn.
-    """
-
-    names: Sequence[str]
-    missing: Sequence[str] = ()
-
-
 #: Draws the results of a case into its folder.  The arguments are the id of the case,
 #: the content of the JSON file of each method, and the folder.
 Draw = Callable[[str, Mapping[str, Data], Path], Pictures]
@@ -218,12 +204,12 @@ def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
     kinds of one.
     """
     pictures = []
-    for name in sorted(names):
+    for caption_file in sorted(folder / f"{name}.txt" for name in names):
         for ending, media_type in _MEDIA_TYPES.items():
-            file = folder / f"{name}{ending}"
+            file = caption_file.with_suffix(ending)
             if file.is_file():
                 content = base64.b64encode(read_bytes(file)).decode()
-                caption = read_bytes(folder / f"{name}.txt").decode("utf-8", "replace")
+                caption = read_bytes(caption_file).decode("utf-8", "replace")
                 uri = f"data:{media_type};base64,{content}"
                 pictures.append({"uri": uri, "caption": caption.strip()})
                 break

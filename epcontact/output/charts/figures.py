@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -77,6 +77,19 @@ class Chart:
         with styled():
             self.figure.savefig(buffer, format=kind, dpi=dots, metadata=metadata)
         return buffer.getvalue()
+
+
+class Pictures(NamedTuple):
+    """The pictures of a case's results in its folder.
+
+    Attributes:
+        names: the names of the files without their endings.  Each picture has a caption
+            (.txt) beside it.
+        missing: a sentence for each picture that could not be drawn.
+    """
+
+    names: Sequence[str]
+    missing: Sequence[str] = ()
 
 
 @contextlib.contextmanager

@@ -1,0 +1,256 @@
+"""The pictures of results, drawn into the folder of these results.
+
+A folder may come from somebody else.  Files are therefore drawn and deleted by their
+exact names, and never by a pattern.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from epcontact import persson
+from epcontact.errors import OutputError
+from epcontact.files import write_json, write_text
+from epcontact.harness.answers.store import Answer
+from epcontact.harness.case_files.case import Case
+from epcontact.output.charts.figures import Chart, Pictures
+from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.loads import LOAD_CHARTS, Row, load_charts
+from epcontact.output.view import animate, load_steps, screenshot
+from epcontact.output.vtk import FieldFile, read_fields
+from epcontact.pictures.charts import (
+    Results,
+    charts_of_results,
+    magnification_chart,
+    spectrum_chart,
+)
+from epcontact.results import ContactResult
+
+#: A chart of three areas can show so many curves of a sweep.
+_MOST_CURVES = 4
+#: Charts of the case itself, which only `draw_case` can draw.
+_OF_CASE = ("power-spectrum", "persson-magnification")
+#: Charts of results whose names do not depend on the methods.
+_OF_RESULTS = ("pressure-distribution", "residuals", *LOAD_CHARTS)
+#: The files of one picture.
+_ENDINGS = (".png", ".svg", ".csv", ".txt")
+
+
+def draw_case(case: Case, answers: Mapping[str, Answer], folder: Path) -> Pictures:
+    """Draw the pictures of a case that was solved.
+
+    Args:
+        case: the case.
+        answers: the results of its methods, by the methods' names.
+        folder: the folder of its results, with the files of fields.
+
+    Returns:
+        The names of the pictures, and why some could not be drawn.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
+    """
+    scene = case.scene(case.recipes[0])
+    results = {
+        method: answer.results for method, answer in answers.items() if answer.results
+    }
+    spectrum = spectrum_chart(scene.surface)
+    if spectrum is not None:
+        spectrum.save(folder / "power-spectrum")
+    if "persson" in results:
+        options = case.options["persson"]
+        theory = persson.Theory.of_scene(scene, **options)
+        areas = theory.magnification_curve(scene.load.final)
+        pressures = theory.pressure_curve(scene.load.final)
+        gamma = options["energy_reduction"]
+        chart = magnification_chart(case.id, areas, results.get("bem", ()), gamma)
+        chart.save(folder / "persson-magnification")
+        _write_columns(folder / "persson-magnification.json", areas.columns())
+        _write_columns(folder / "persson-pressure.json", pressures.columns())
+    return _draw_results(results, folder)
+
+
+def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write arrays by their names as JSON."""
+    write_json(path, {name: list(values) for name, values in columns.items()})
+
+
+def draw_saved(case_id: str, contents: Mapping[str, Any], folder: Path) -> Pictures:
+    """Draw the pictures of results that were read from files.
+
+    Args:
+        case_id: the id of the case, for messages.
+        contents: the content of the JSON file of each method, by the methods' names.
+        folder: the folder of the results, with the files of fields.
+
+    Returns:
+        The names of the pictures, and why some could not be drawn.
+
+    Raises:
+        OutputError: if a result is none of epcontact, or if a file cannot be read or
+            written.
+    """
+    results = {}
+    for method, content in contents.items():
+        try:
+            results[method] = [*map(ContactResult.from_json, content["members"])]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise OutputError(
+                f"cannot draw {case_id}: {folder / method}.json holds no results of "
+                "this version; run verify again"
+            ) from None
+    return _draw_results(results, folder)
+
+
+def _draw_results(results: Results, folder: Path) -> Pictures:
+    """Draw the pictures that need nothing but the results and their fields.
+
+    The names also include the charts of the case and the films that are in the folder.
+    """
+    results = {method: each for method, each in results.items() if each}
+    charts = charts_of_results(results)
+    charts |= _maps(folder, [*results])
+    for name, chart in charts.items():
+        chart.save(folder / name)
+    names = [*charts]
+    missing = []
+    for method in results:
+        body = _find_body(folder, method)
+        if body is None:
+            continue
+        try:
+            names.append(_draw_body(body, method, folder))
+        except OutputError as error:  # many machines cannot draw in three dimensions
+            missing.append(f"body-{method}.png is left out: {error}.")
+    of_methods = [f"{kind}-{name}" for kind in ("contact", "body") for name in results]
+    _remove({*_OF_RESULTS, *of_methods} - {*names}, folder)
+    for name in (*_OF_CASE, *_film_names(folder)):
+        if (folder / f"{name}.txt").is_file():
+            names.append(name)
+    return Pictures(names, missing)
+
+
+def _remove(names: set[str], folder: Path) -> None:
+    """Remove pictures that an earlier run has drawn of other results."""
+    for name in names:
+        for ending in _ENDINGS:
+            (folder / f"{name}{ending}").unlink(missing_ok=True)
+
+
+def draw_sweep(
+    folder: Path, loads: Mapping[str, Sequence[Row]], fields: Mapping[Path, str]
+) -> None:
+    """Draw the pictures of a sweep: curves over the load, and maps of the contact.
+
+    Args:
+        folder: the folder of the sweep.
+        loads: the rows of each point and method, by words such as "hardness 1e+09,
+            bem".  Points that differ only in their mean pressure become one curve.  Only
+            the first curves are drawn.
+        fields: the files of fields, and in words the point and method of each.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
+    """
+    curves: dict[str, list[Row]] = {}
+    for point, rows in loads.items():
+        words = [w for w in point.split(", ") if not w.startswith("mean_pressure ")]
+        curves.setdefault(", ".join(words), []).extend(rows)
+    charts = load_charts(dict(itertools.islice(curves.items(), _MOST_CURVES)))
+    for name, chart in charts.items():
+        chart.save(folder / name)
+    _remove({*LOAD_CHARTS} - charts.keys(), folder)
+    for path, point in fields.items():
+        if path.is_file():
+            caption = f"Contact state and pressure at {point}, {path.name}."
+            map_of_file(path, caption).save(folder / f"contact-{path.stem}")
+
+
+def draw_films(folder: Path) -> Pictures:
+    """Draw a film of every load path whose fields are in a folder.
+
+    A path of one load has no film.
+
+    Returns:
+        The names of the films (.gif), and why some could not be drawn.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
+    """
+    names = []
+    missing = []
+    for name in _film_names(folder):
+        collection = folder / name / "path.pvd"
+        if len(load_steps(collection)) == 1:
+            continue
+        film = folder / f"{name}.gif"
+        try:
+            animate([collection], film)
+        except OutputError as error:  # many machines cannot draw; the results are there
+            missing.append(f"{film} is left out: {error}")
+        else:
+            write_text(folder / f"{name}.txt", f"The loads of the path {name}.\n")
+            names.append(name)
+    return Pictures(names, missing)
+
+
+def _film_names(folder: Path) -> list[str]:
+    """Return the names of the load paths whose fields are in a folder."""
+    return sorted(path.parent.name for path in folder.glob("*-steps/path.pvd"))
+
+
+def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
+    """Return maps of the contact of each method's first surface, and the differences
+    between methods on a common grid, by the names of their files.
+    """
+    charts: dict[str, Chart] = {}
+    files: dict[str, FieldFile] = {}
+    for method in methods:
+        path = _first_fields(folder, method)
+        if path is None:
+            continue
+        files[method] = read_fields(path)
+        caption = f"Contact state and pressure by {method}, {path.name}."
+        charts[f"contact-{method}"] = map_of_file(path, caption)
+        for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
+            pressure = read_fields(step).attributes["mean_pressure"]
+            caption = (
+                f"Contact state and pressure by {method}, mean pressure "
+                f"{pressure:.4g} Pa."
+            )
+            charts[f"contact-{method}-{step.stem}"] = map_of_file(step, caption)
+    for names in itertools.combinations(sorted(files), 2):
+        first, second = (files[name] for name in names)
+        common = (first.shape, first.spacing) == (second.shape, second.spacing)
+        if common and len(first.shape) == 2:
+            pressures = (first.field("pressure"), second.field("pressure"))
+            chart = pressure_difference(*pressures, first.spacing, names=names)
+            charts[f"pressure-difference-{'-'.join(names)}"] = chart
+    return charts
+
+
+def _first_fields(folder: Path, method: str) -> Path | None:
+    """Return the fields of a method's only or first surface; None if it has none."""
+    paths = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
+    return next(filter(Path.is_file, paths), None)
+
+
+def _find_body(folder: Path, method: str) -> Path | None:
+    """Return the collection (.pvd) of a method's finite-element bodies, or None."""
+    collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
+    for collection in sorted(collections):
+        if load_steps(collection)[0].suffix == ".vtu":
+            return collection
+    return None
+
+
+def _draw_body(body: Path, method: str, folder: Path) -> str:
+    """Draw the body of a method, cut open, and return the name of the picture."""
+    name = f"body-{method}"
+    screenshot(body, folder / f"{name}.png", size=(1200, 600))
+    view = "cut open at the last load: von Mises stress and plastic strain"
+    write_text(folder / f"{name}.txt", f"The body of {method}, {view}.\n")
+    return name
