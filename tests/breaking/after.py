@@ -9,7 +9,7 @@ from epcontact.interface import Limit
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.conductance import LAWS
 
-FLOWED, INTERFACE = "epcontact.bem.flow.flowed", "epcontact.interface."
+FLOWED, INTERFACE = "epcontact.bem.flow.plastic_displacement", "epcontact.interface."
 
 
 def _deepest(w):
