@@ -62,7 +62,7 @@ class SelfAffineSpectrum:
         hurst = number(
             "hurst", self.hurst, "a number between 0 and 1", lambda v: 0 <= v <= 1
         )
-        settle(
+        set_frozen(
             self, hurst=hurst, rms_slope=slope, **dict(zip(names, waves, strict=True))
         )
         _require(
@@ -116,22 +116,22 @@ class Surface:
         if heights.flags.writeable or heights.base is not None:
             heights = heights.copy()
             heights.flags.writeable = False
-        periods = tuple(positive("periods", p, "m") for p in listed(self.periods))
-        settle(self, heights=heights, periods=periods)
+        periods = tuple(positive("periods", p, "m") for p in as_tuple(self.periods))
+        set_frozen(self, heights=heights, periods=periods)
         sizes = f"{len(periods)} lengths for heights of {heights.ndim} dimensions"
         _require(len(periods) == heights.ndim, f"periods has {sizes}")
         if self.spectrum is not None:
             require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         if self.shortest_wavelength is not None:
             shortest = positive("shortest_wavelength", self.shortest_wavelength, "m")
-            settle(self, shortest_wavelength=shortest)
+            set_frozen(self, shortest_wavelength=shortest)
         if self.seed is not None:
-            settle(self, seed=whole("seed", self.seed, 0))
-        require_known(heights, "heights")
-        settle(self, filled=_checked_mask(self.filled, heights.shape))
+            set_frozen(self, seed=integer("seed", self.seed, 0))
+        require_usable(heights, "heights")
+        set_frozen(self, filled=_checked_mask(self.filled, heights.shape))
         doubts = (*levels_note(given.dtype), *_doubts(self))
-        new = cautioned(tuple(note for note in doubts if note not in self.notes))
-        settle(self, notes=(*listed(self.notes), *new))
+        new = warn_user(tuple(note for note in doubts if note not in self.notes))
+        set_frozen(self, notes=(*as_tuple(self.notes), *new))
 
     def __eq__(self, other: object) -> bool:
         """Whether both are the same heights over the same periods, drawn from the same
@@ -207,12 +207,12 @@ class Material:
         ratio = number(
             "poisson_ratio", self.poisson_ratio, right, lambda v: -1 < v < 0.5
         )
-        settle(self, poisson_ratio=ratio)
+        set_frozen(self, poisson_ratio=ratio)
         for name in ("young_modulus", "hardness", "yield_stress"):
             value = positive(
                 name, getattr(self, name), "Pa", finite=name == "young_modulus"
             )
-            settle(self, **{name: value})
+            set_frozen(self, **{name: value})
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Body:
                 math.isinf,
             )
         else:
-            settle(self, depth=positive("depth", self.depth, "m"))
+            set_frozen(self, depth=positive("depth", self.depth, "m"))
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ class Load:
     mean_pressure: float | tuple[float, ...]
 
     def __post_init__(self) -> None:
-        given = listed(self.mean_pressure)
+        given = as_tuple(self.mean_pressure)
         _require(
             len(given) > 0, "mean_pressure is an empty path; give at least one pressure"
         )
@@ -262,12 +262,12 @@ class Load:
         right = "a positive number in Pa, or 0 after the first"
         later = [number("mean_pressure", p, right, lambda v: v >= 0) for p in given[1:]]
         path = (first, *(p and positive("mean_pressure", p, "Pa") for p in later))
-        settle(self, mean_pressure=path)
+        set_frozen(self, mean_pressure=path)
 
     @property
     def path(self) -> tuple[float, ...]:
         """The mean pressures in order, in Pa; a single one is a path of length one."""
-        return listed(self.mean_pressure)
+        return as_tuple(self.mean_pressure)
 
     @property
     def final(self) -> float:
@@ -423,7 +423,7 @@ def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | Non
     return mask
 
 
-def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
+def require_usable(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
     """Raise InvalidScene if heights are no numbers, or are missing (NaN) and not
     filled.
     """
@@ -520,7 +520,7 @@ def _coarse_step(heights: FloatArray, change: float) -> float:
     return 0.0 if uneven or bent < min(steep, 1 / 4) else float(step)
 
 
-def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
+def warn_user(notes: tuple[str, ...]) -> tuple[str, ...]:
     """Warn the user's line that makes a surface (not the package's) of each note;
     return them.
     """
@@ -548,10 +548,12 @@ def _require(condition: bool, message: str) -> None:
         raise InvalidScene(message)
 
 
-def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
+def number(
+    name: str, given: Any, expected: str, accepts: Callable[[float], bool]
+) -> float:
     """Return a number of Python or numpy as a float, for every input of the package
-    that is one. Raises InvalidScene, that `name` must be `right`, if it is no real
-    number or is not `good`.
+    that is one. Raises InvalidScene, that `name` must be `expected`, if it is no real
+    number or `accepts` is false for it.
     """
     plain = (
         given.item()
@@ -564,7 +566,7 @@ def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> 
             OverflowError
         ):  # a whole number of Python has no limit
             value = float(plain)
-    _require(good(value), f"{name} is {plain!r:.60}, but must be {right}")
+    _require(accepts(value), f"{name} is {plain!r:.60}, but must be {expected}")
     return value
 
 
@@ -580,7 +582,7 @@ def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
     return value
 
 
-def share(name: str, given: Any) -> float:
+def fraction(name: str, given: Any) -> float:
     """Return a number between 0 and 1, both excluded, as a tolerance is; see
     `number`.
     """
@@ -589,7 +591,7 @@ def share(name: str, given: Any) -> float:
     )
 
 
-def whole(name: str, given: Any, least: int) -> int:
+def integer(name: str, given: Any, least: int) -> int:
     """Return a whole number of at least `least` as an int; see `number`."""
     right = f"a whole number of at least {least}"
     number(name, given, right, lambda v: v >= least and v.is_integer())
@@ -606,7 +608,7 @@ def array(name: str, given: Any) -> FloatArray:
     raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of real numbers")
 
 
-def listed(given: Any) -> tuple[Any, ...]:
+def as_tuple(given: Any) -> tuple[Any, ...]:
     """Return one value, or several in any sequence, as a tuple."""
     try:
         return (given,) if isinstance(given, str | bytes) else tuple(given)
@@ -630,7 +632,7 @@ def require_one_of(name: str, given: Any, words: Any) -> None:
     )
 
 
-def settle(frozen: Any, **checked: Any) -> None:
+def set_frozen(frozen: Any, **checked: Any) -> None:
     """Set fields of a frozen dataclass to their checked values."""
     for name, value in checked.items():
         object.__setattr__(frozen, name, value)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from epcontact.bem.transforms import Symbol
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import array, settle, share, whole
+from epcontact.scene import array, fraction, integer, set_frozen
 
 #: The largest factor by which a user's compliance may fall from a wave to the wave of
 #: half its length: 1/q^1.5 takes 10 to 25 pairs of transforms on the finest grid, 1/q^2
@@ -96,12 +96,14 @@ class Options:
     )
 
     def __post_init__(self) -> None:
-        settle(self, tolerance=share("tolerance", self.tolerance))
+        set_frozen(self, tolerance=fraction("tolerance", self.tolerance))
         if self.area_tolerance is not None:
-            settle(self, area_tolerance=share("area_tolerance", self.area_tolerance))
-        settle(self, threads=whole("threads", self.threads, 1))
+            set_frozen(
+                self, area_tolerance=fraction("area_tolerance", self.area_tolerance)
+            )
+        set_frozen(self, threads=integer("threads", self.threads, 1))
         if self.max_steps is not None:
-            settle(self, max_steps=whole("max_steps", self.max_steps, 1))
+            set_frozen(self, max_steps=integer("max_steps", self.max_steps, 1))
         if self.method not in METHODS:
             methods = ", ".join(METHODS)
             message = f"method is {self.method!r}, but must be one of {methods}"

@@ -47,7 +47,7 @@ from epcontact.harness.verdict.judgement import (
     judge_case,
 )
 from epcontact.harness.verdict.made import Made
-from epcontact.scene import listed
+from epcontact.scene import as_tuple
 
 try:
     import fcntl
@@ -134,7 +134,7 @@ def _with_solver(
     """
     methods = dict(METHODS)
     named = (
-        [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
+        [cases] if isinstance(cases, Case) else [] if cases is None else as_tuple(cases)
     )
     loaded = _loaded(named or cases_to_verify(size), size)
     if solver:
