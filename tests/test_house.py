@@ -40,7 +40,7 @@ TOKENS = {
     "epcontact.output": 14_801,
     "epcontact.persson": 13_295,
     "epcontact.pictures": 2_535,
-    "epcontact.planning": 4_921,
+    "epcontact.planning": 5_065,
     "epcontact.reference": 7_272,
     "epcontact.results": 2_005,
     "epcontact.scene": 3_058,
