@@ -444,7 +444,7 @@ WORDS = [
     "bem",
     "fem",
     "--solver",
-    "faults:honest",
+    "epcontact.bem:solve",
     ":",
     "os:getcwd",
     "--solver=a:b",

@@ -52,7 +52,7 @@ def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path
         2
     ):  # of a solver that may change the second run has to solve again, too
         assert not is_reused(
-            write_case(ONE), tmp_path, solver="bem_of_mine=faults:honest"
+            write_case(ONE), tmp_path, solver="bem_of_mine=epcontact.bem:solve"
         )
     assert not is_reused(write_case(ONE), tmp_path)
 

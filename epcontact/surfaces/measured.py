@@ -19,11 +19,11 @@ from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
 from epcontact.scene import (
     Surface,
-    as_tuple,
+    cautioned,
     checked_heights,
-    require_usable,
-    set_frozen,
-    warn_user,
+    listed,
+    require_known,
+    settle,
 )
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
@@ -65,8 +65,8 @@ class HeightsFromArray(Preparation):
         super().__post_init__()
         heights = np.array(checked_heights(self.heights, "heights"))
         heights.flags.writeable = False
-        require_usable(heights, "heights", self.missing)
-        set_frozen(
+        require_known(heights, "heights", self.missing)
+        settle(
             self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1]
         )
 
@@ -147,9 +147,9 @@ class HeightsFromFile(Preparation):
             raise InvalidScene(
                 f"path is {self.path!r:.60}, but must be the path of a file"
             )
-        set_frozen(self, path=Path(self.path))
+        settle(self, path=Path(self.path))
         if self.treatment is None:  # a result is periodic
-            set_frozen(
+            settle(
                 self,
                 treatment="refuse" if Path(self.path).suffix == ".vti" else "mirrored",
             )
@@ -157,7 +157,7 @@ class HeightsFromFile(Preparation):
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
             )
-        set_frozen(self, periods=checked_grid(self.shape, self._periods())[1])
+        settle(self, periods=checked_grid(self.shape, self._periods())[1])
         # Read now, so that the fingerprint belongs to the content whose shape was just
         # read.
         _ = self.fingerprint
@@ -174,7 +174,7 @@ class HeightsFromFile(Preparation):
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        stored, given, shape = self._map, as_tuple(self.periods), self.shape
+        stored, given, shape = self._map, listed(self.periods), self.shape
         alone = len(given) == 1 and len(shape) == 2
         refusals = {
             "knows the unit of its heights; leave out unit": stored.in_metres
@@ -248,7 +248,7 @@ class HeightsFromFile(Preparation):
                 f"{self.path}: {steep} surface; {remedy}, period and pixel_size{others}"
             )
         if 0 < surface.rms_slope < FLATTEST:
-            told = warn_user(
+            told = cautioned(
                 (f"{steep.replace('beyond', 'below')} but optical flats; {remedy}",)
             )
             surface = replace(surface, notes=(*surface.notes, *told))
@@ -273,7 +273,7 @@ class Mirrored:
         shape, periods = (
             tuple(2 * n for n in of) for of in (self.map.shape, self.map.periods)
         )
-        set_frozen(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
+        settle(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
 
     def build(self) -> Surface:
         """Make the surface."""
@@ -309,7 +309,7 @@ class Facing:
                 f"over {b.periods} m, but two surfaces face each other on one grid and period"
             )
         words = f"facing/1 {a.fingerprint} on {b.fingerprint}"
-        set_frozen(self, shape=a.shape, periods=a.periods, fingerprint=words)
+        settle(self, shape=a.shape, periods=a.periods, fingerprint=words)
 
     def build(self) -> Surface:
         """Make both, and their composite roughness."""

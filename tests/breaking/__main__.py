@@ -1,14 +1,14 @@
-"""Print the table of faults, or with --check those that no longer fit the code."""
+"""Print the deliberate faults, or with --check those that no longer fit the code."""
 
 import argparse
 from collections import Counter
 
-from breaking import FAULTS
-from breaking.check import places_of, reason_stale
+from breaking.check import functions_with, reason_stale
+from breaking.table import FAULTS, is_pattern
 
 
 def main():
-    """Print what the options ask for."""
+    """Print what the options ask for; return the number of stale faults."""
     parser = argparse.ArgumentParser(prog="python -m breaking", description=__doc__)
     parser.add_argument(
         "--check",
@@ -16,16 +16,17 @@ def main():
         help="apply each fault, and list those whose place in the code is gone",
     )
     parser.add_argument(
-        "words", nargs="?", default="", help="only faults whose room or path has this"
+        "word", nargs="?", default="", help="only faults whose path contains this"
     )
     options = parser.parse_args()
-    faults = [f for f in FAULTS.values() if options.words in f"{f.room} {f.path}"]
+    faults = [fault for fault in FAULTS if options.word in fault.path]
     if options.check:
         return print_stale(faults)
-    return print_table(faults)
+    print_faults(faults)
+    return 0
 
 
-def print_table(faults):
+def print_faults(faults):
     """Print one line for each fault, and how many are seen by what."""
     for fault in faults:
         seen = fault.test or f"{fault.case}: {fault.quantity}"
@@ -36,7 +37,7 @@ def print_table(faults):
 
 
 def print_stale(faults):
-    """Print each stale fault with the reason, and where its place may be now.
+    """Print each stale fault with the reason, and which functions have its place.
 
     Return how many are stale.
     """
@@ -47,9 +48,9 @@ def print_stale(faults):
             continue
         stale += 1
         print(f"{fault.what}\n    {reason}")
-        names = places_of(fault.path, fault.place) if fault.place else []
-        if names:
-            print(f"    the place is in {', '.join(names)}")
+        if is_pattern(fault.path, fault.place):
+            names = functions_with(fault.place, fault.path)
+            print(f"    functions with the pattern: {', '.join(names) or 'none'}")
     print(f"{stale} of {len(faults)} faults are stale")
     return stale
 

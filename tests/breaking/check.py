@@ -15,38 +15,38 @@ ROOT = TESTS.parent
 def reason_stale(fault):
     """Return why a fault does not fit the code, or "" if it does.
 
-    The patch is put in place and removed again.  The test that sees the fault, or the
-    gate, must exist.
+    The patches are put in place and removed again.  The test that sees the fault, or
+    the gate, must exist.
     """
     try:
         with pytest.MonkeyPatch.context() as monkeypatch:
-            fault.patch(monkeypatch)
-        if not fault.test:
+            fault.apply(monkeypatch)
+        if fault.test:
+            require_test(fault.test)
+        else:
             gates_of(fault)
     except (StaleFault, EpcontactError) as error:
         return str(error)
-    return "" if not fault.test else _reason_test_is_gone(fault.test)
+    return ""
 
 
-def _reason_test_is_gone(name):
+def require_test(name):
+    """Raise `StaleFault` if a test, file::function, does not exist."""
     file, _, test = name.partition("::")
-    definition = rf"^def {re.escape(test.partition('[')[0])}\("
+    function = re.escape(test.partition("[")[0])
     path = ROOT / file
-    if path.is_file() and re.search(definition, path.read_text("utf-8"), re.MULTILINE):
-        return ""
-    return f"{name} does not exist"
+    text = path.read_text("utf-8") if path.is_file() else ""
+    if not re.search(rf"^def {function}\(", text, re.MULTILINE):
+        raise StaleFault(f"{name} does not exist")
 
 
-def places_of(path, place):
-    """Return other functions of the same file that hold the place of a stale fault."""
+def functions_with(place, path):
+    """Return the names of functions that hold a place, in the file of a path."""
     parts = path.split(".")
     files = [ROOT.joinpath(*parts[:end]).with_suffix(".py") for end in (-1, -2)]
-    file = next((file for file in files if file.is_file()), None)
-    if file is None:
-        return []
-    functions = [
-        node
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
-        if isinstance(node, ast.FunctionDef)
-    ]
-    return [function.name for function in functions if has_place(function, place)]
+    names = []
+    for file in filter(lambda file: file.is_file(), files):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef) and has_place(node, place):
+                names.append(node.name)
+    return names

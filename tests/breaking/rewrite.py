@@ -9,17 +9,16 @@ A pattern is an expression or a statement.  It matches code of the same structur
   a dictionary matches all further items.
 - Everything else must be equal: operators, constants, names, attributes, keywords.
 
-So `max(A, ...)` with the replacement `min(A, ...)` holds for every call of max.  Names of
-local variables do not belong into a pattern: a letter stands for them, and the fault
-survives when they are renamed.  `A / 2 @ 3` is the third such place of the function
-in the order of its text; without `@` every place is changed.
+For example, `max(A, ...)` becomes `min(A, ...)`: every call of max is changed.  A
+pattern should not name local variables.  A letter stands for them, so that the fault
+survives when they are renamed.  `A / 2 @ 3` is the third such place of the function, in
+the order of its text; without `@` every place is changed.
 """
 
 import ast
 import builtins
 import copy
 import inspect
-import itertools
 import pkgutil
 import textwrap
 
@@ -31,7 +30,15 @@ class StaleFault(LookupError):
 def parse_pattern(text):
     """Return the expression or statement of a text as a node of a syntax tree."""
     (statement,) = ast.parse(text).body
-    return statement.value if isinstance(statement, ast.Expr) else statement
+    if isinstance(statement, ast.Expr):
+        return statement.value
+    return statement
+
+
+def parse_place(place):
+    """Return the pattern of a place and its number from 1, or 0 for every place."""
+    text, _, number = place.partition(" @ ")
+    return parse_pattern(text), int(number or 0)
 
 
 def is_letter(node):
@@ -40,35 +47,45 @@ def is_letter(node):
 
 
 def is_rest(node):
-    """Return whether a node of a pattern is `...`."""
-    node = node.value if isinstance(node, ast.Expr) else node
+    """Return whether a node of a pattern is `...`, or a statement of it."""
+    if isinstance(node, ast.Expr):
+        node = node.value
     return isinstance(node, ast.Constant) and node.value is ...
 
 
-def _text_of(node):
+def ends_with_rest(nodes):
+    """Return whether the last node of a list is `...`."""
+    return bool(nodes) and is_rest(nodes[-1])
+
+
+def text_of(node):
     """Return a text that is the same for a name that is read and that is assigned."""
     return ast.dump(node).replace("Store()", "Load()")
 
 
-def matches(pattern, node, found):
-    """Return whether a node has the structure of a pattern.
+# --- matching
+#
+# `found` is a dictionary.  It is filled with what the letters stand for, and with the
+# nodes of `...` as "rest", the further keywords of a call as "keywords", and the items
+# of `**...` as "items".
 
-    `found` is filled with what letters, and `...`, stand for.
-    """
+
+def matches(pattern, node, found):
+    """Return whether a node has the structure of a pattern, and fill `found`."""
     if isinstance(pattern, list):
         return isinstance(node, list) and _matches_list(pattern, node, found)
     if not isinstance(pattern, ast.AST):
         return pattern == node
     if is_letter(pattern) and isinstance(node, ast.expr):
-        known = found.setdefault(pattern.id, node)
-        return _text_of(known) == _text_of(node)
+        expected = found.setdefault(pattern.id, node)
+        return text_of(expected) == text_of(node)
     return type(pattern) is type(node) and _matches_fields(pattern, node, found)
 
 
 def _matches_fields(pattern, node, found):
-    if isinstance(pattern, ast.Call) and any(map(is_rest, pattern.args)):
+    if isinstance(pattern, ast.Call) and ends_with_rest(pattern.args):
         return _matches_call(pattern, node, found)
-    if isinstance(pattern, ast.Dict) and any(map(is_rest, pattern.values)):
+    if isinstance(pattern, ast.Dict) and ends_with_rest(pattern.values):
         return _matches_dict(pattern, node, found)
     return all(
         matches(value, getattr(node, name), found)
@@ -78,13 +95,13 @@ def _matches_fields(pattern, node, found):
 
 
 def _matches_list(pattern, nodes, found):
-    if pattern and is_rest(pattern[-1]):
-        first = len(pattern) - 1
-        found["..."] = nodes[first:]
-        pattern, nodes = pattern[:first], nodes[:first]
-    return len(pattern) == len(nodes) and all(
-        matches(one, node, found) for one, node in zip(pattern, nodes, strict=True)
-    )
+    if ends_with_rest(pattern):
+        pattern = pattern[:-1]
+        found["rest"] = nodes[len(pattern) :]
+        nodes = nodes[: len(pattern)]
+    if len(pattern) != len(nodes):
+        return False
+    return all(matches(*pair, found) for pair in zip(pattern, nodes, strict=True))
 
 
 def _matches_call(pattern, call, found):
@@ -103,17 +120,20 @@ def _matches_call(pattern, call, found):
 
 def _matches_dict(pattern, node, found):
     """Match a dictionary with `**...`: the items of the pattern may stand anywhere."""
-    rest = dict(enumerate(zip(node.keys, node.values, strict=True)))
-    for key, value in zip(pattern.keys, pattern.values, strict=True):
-        if is_rest(value):
-            continue
-        place = next(
-            (i for i, (k, _) in rest.items() if k and matches(key, k, {})), None
-        )
-        if place is None or not matches(value, rest.pop(place)[1], found):
+    items = [item for item in zip(node.keys, node.values, strict=True) if item[0]]
+    unpacked = [
+        item for item in zip(node.keys, node.values, strict=True) if not item[0]
+    ]
+    for key, value in zip(pattern.keys[:-1], pattern.values[:-1], strict=True):
+        same = [item for item in items if text_of(item[0]) == text_of(key)]
+        if not same or not matches(value, same[0][1], found):
             return False
-    found["items"] = list(rest.values())
+        items.remove(same[0])
+    found["items"] = items + unpacked
     return True
+
+
+# --- changing
 
 
 class _Filler(ast.NodeTransformer):
@@ -131,21 +151,28 @@ class _Filler(ast.NodeTransformer):
         return value
 
     def visit_Constant(self, node):
-        return self.found["..."] if is_rest(node) else node
+        if is_rest(node):
+            return self.found["rest"]
+        return node
 
     def visit_Expr(self, node):
-        return self.found["..."] if is_rest(node) else self.generic_visit(node)
+        if is_rest(node):
+            return self.found["rest"]
+        return self.generic_visit(node)
 
     def visit_Dict(self, node):
-        kept = [not is_rest(value) for value in node.values]
-        rest = [] if all(kept) else self.found["items"]
-        node.keys = [*itertools.compress(node.keys, kept), *(key for key, _ in rest)]
-        values = [self.visit(value) for value in itertools.compress(node.values, kept)]
-        node.values = [*values, *(value for _, value in rest)]
+        has_rest = ends_with_rest(node.values)
+        if has_rest:
+            node.keys.pop()
+            node.values.pop()
+        self.generic_visit(node)
+        if has_rest:
+            node.keys += [key for key, _ in self.found["items"]]
+            node.values += [value for _, value in self.found["items"]]
         return node
 
     def visit_Call(self, node):
-        has_rest = any(map(is_rest, node.args))
+        has_rest = ends_with_rest(node.args)
         self.generic_visit(node)
         if has_rest:
             node.keywords += self.found["keywords"]
@@ -170,20 +197,16 @@ class _Changer(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def change_code(tree, place, replacement):
+def change_code(tree, place, becomes):
     """Return a syntax tree with the code of a place replaced.
 
     Raises `StaleFault` if no code matches the place.
     """
-    text, _, ordinal = place.partition(" @ ")
-    pattern, replaced, number = (
-        parse_pattern(text),
-        parse_pattern(replacement),
-        int(ordinal or 0),
-    )
-    if isinstance(replaced, ast.stmt) and isinstance(pattern, ast.expr):
+    pattern, number = parse_place(place)
+    replacement = parse_pattern(becomes)
+    if isinstance(replacement, ast.stmt) and isinstance(pattern, ast.expr):
         pattern = ast.Expr(pattern)
-    changer = _Changer(pattern, replaced, number)
+    changer = _Changer(pattern, replacement, number)
     changed = changer.visit(tree)
     if changer.places < max(number, 1):
         raise StaleFault(f"{changer.places} places match: {place}")
@@ -192,8 +215,21 @@ def change_code(tree, place, replacement):
 
 def has_place(tree, place):
     """Return whether a syntax tree has the code that a place describes."""
-    pattern = parse_pattern(place.partition(" @ ")[0])
+    pattern, _ = parse_place(place)
     return any(matches(pattern, node, {}) for node in ast.walk(tree))
+
+
+def owner_of(path):
+    """Return the module or class of a dotted path, a name in it, and its value.
+
+    Raises `StaleFault` if the path does not exist.
+    """
+    owner_path, _, name = path.rpartition(".")
+    try:
+        owner = pkgutil.resolve_name(owner_path)
+        return owner, name, getattr(owner, name)
+    except (ImportError, AttributeError):
+        raise StaleFault(f"{path} does not exist") from None
 
 
 def function_of(path):
@@ -201,10 +237,7 @@ def function_of(path):
 
     Raises `StaleFault` if the path does not exist.
     """
-    try:
-        function = pkgutil.resolve_name(path)
-    except (ImportError, AttributeError):
-        raise StaleFault(f"{path} does not exist") from None
+    _, _, function = owner_of(path)
     function = getattr(function, "callback", function)  # of a command
     function = getattr(function, "fget", function)  # of a property
     return inspect.unwrap(getattr(function, "__func__", function))
@@ -217,7 +250,7 @@ def tree_of(function):
     return tree
 
 
-def change_function(path, place, replacement):
+def change_function(path, place, becomes):
     """Return a function, and the code that it has after a change of one place.
 
     Raises `StaleFault` if the function or the place does not exist, or if the
@@ -225,22 +258,34 @@ def change_function(path, place, replacement):
     """
     function = function_of(path)
     try:
-        tree = change_code(tree_of(function), place, replacement)
+        tree = change_code(tree_of(function), place, becomes)
     except StaleFault as error:
         raise StaleFault(f"{path}: {error}") from None
+    unknown = names_in(parse_pattern(becomes)) - names_known_to(function, tree)
+    if unknown:
+        raise StaleFault(f"{path} does not know the name {', '.join(unknown)}")
     module = ast.parse("from __future__ import annotations")
     module.body.append(tree)
     code = compile(ast.fix_missing_locations(module), f"<{path}>", "exec")
-    known = {node.id for node in ast.walk(tree) if _is_assigned(node)}
-    known |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
-    known |= function.__globals__.keys() | vars(builtins).keys()
-    for node in ast.walk(parse_pattern(replacement)):
-        if isinstance(node, ast.Name) and not is_letter(node) and node.id not in known:
-            raise StaleFault(f"{path} does not know the name {node.id}")
     names = {}
     exec(code, function.__globals__, names)
     return function, names[tree.name].__code__
 
 
-def _is_assigned(node):
-    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+def names_in(replacement):
+    """Return the names in a replacement that are not letters."""
+    nodes = [node for node in ast.walk(replacement) if isinstance(node, ast.Name)]
+    return {node.id for node in nodes if not is_letter(node)}
+
+
+def names_known_to(function, tree):
+    """Return the global and local names that the code of a function can use."""
+    names = function.__globals__.keys() | vars(builtins).keys()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg):
+            names.add(node.arg)
+        elif isinstance(node, ast.alias):
+            names.add(node.asname or node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+    return names
