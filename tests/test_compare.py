@@ -77,10 +77,8 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
     assert "3 are given" in compared(tmp_path, tmp_path, tmp_path)[2]
     (tmp_path / "verdict.json").write_text("{}")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
-    content, figures = (
-        (runs / "right/verdict.json").read_text(),
-        read_figures(runs / "right"),
-    )
+    content = (runs / "right/verdict.json").read_text()
+    figures = read_figures(runs / "right")
     (tmp_path / "alone.json").write_text(content)  # as kept of an earlier run
     assert compared(tmp_path / "alone.json", runs / "right")[0] == 0
     (tmp_path / "edited.json").write_text(content.replace("holds", "skips"))

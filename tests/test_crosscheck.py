@@ -72,7 +72,8 @@ def test_each_part_falls_with_what_it_is_the_error_of():
 
 def answer(pressure, low):
     """Pressures, tabulated as spread evenly over (low, low + 1)."""
-    sigma, p = np.linspace(0, 2, 20001), np.array(pressure)
+    sigma = np.linspace(0, 2, 20001)
+    p = np.array(pressure)
     step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)})
     table = PressureDistribution(sigma, np.clip(sigma - low, 0, 1))
     fields = {"pressure": p, "state": (p > 0).astype(int)}
@@ -80,7 +81,8 @@ def answer(pressure, low):
 
 
 def test_differences_of_known_answers():
-    one, other = answer([1.0, 1, 1, 1, 0, 0], 0.2), answer([0.0, 0, 2, 2, 2, 0], 0.5)
+    one = answer([1.0, 1, 1, 1, 0, 0], 0.2)
+    other = answer([0.0, 0, 2, 2, 2, 0], 0.5)
     assert difference(one, one, 4.0) == Difference(
         0.0, 0.0, 1.0, 0.0, 0, (4 / 6, 4 / 6)
     )
@@ -119,10 +121,8 @@ def test_the_compliance_is_that_of_the_block_that_answered(body):
 def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements():
     """The null test: with the law taken out, grid and depth leave nothing behind."""
     scene = rough_scene(32, 4, hardness=0.35)
-    capped, exact = (
-        fem_check.solve(scene, law="capped", certified=False),
-        bem.solve(scene),
-    )
+    capped = fem_check.solve(scene, law="capped", certified=False)
+    exact = bem.solve(scene)
     options = dict(capped.provenance.options) | {"law": "j2"}
     found = measured(scene, replace(capped, provenance=Provenance("", options=options)))
     assert (found["model_area"], found["model_overlap"]) == (0, 1)
@@ -140,7 +140,8 @@ def test_the_measures_say_what_they_mean(flowed):
     scene, j2 = flowed
     found = measured(scene, j2)
     own = bem.solve(scene, compliance=fem_check.surface_compliance(scene))
-    touching, below = j2.fields["state"] > 0, own.fields["state"] > 0
+    touching = j2.fields["state"] > 0
+    below = own.fields["state"] > 0
     exact = (bem.solve(scene).fields["state"] > 0).sum()
     assert found["model_area"] == pytest.approx(touching.sum() / below.sum() - 1)
     assert found["model_overlap"] == (touching & below).sum() / (touching | below).sum()
@@ -190,7 +191,8 @@ def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
     passed = {
         name for call in calls for name in re.findall(r"\w+(?==)|(?<=\*\*)\w+", call)
     }
-    changed, numbers = {"material", "body"}, {"threads", "law", "certified"}
+    changed = {"material", "body"}
+    numbers = {"threads", "law", "certified"}
     assert passed - changed - numbers == {"compliance", "block", "steps", "options"}
 
 
@@ -220,10 +222,8 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
 def test_the_study_answers_the_scenes_of_the_cases(name, severity, nu):
     case = load_case(name)
     recipe = case.recipes[0]
-    ours, theirs = (
-        model_scene(severity, nu, recipe.seed, recipe.shape[0]),
-        case.scene(recipe),
-    )
+    ours = model_scene(severity, nu, recipe.seed, recipe.shape[0])
+    theirs = case.scene(recipe)
     np.testing.assert_array_equal(ours.surface.heights, theirs.surface.heights)
     assert ours.body == theirs.body
     # The case's stresses have five figures.
@@ -240,7 +240,8 @@ def tiny(tmp_path):
     """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
 
     def load(*replacements):
-        text, path = J2_CASE, tmp_path / "fem-model-5.toml"
+        text = J2_CASE
+        path = tmp_path / "fem-model-5.toml"
         for old, new in (*SMALLER, *replacements):
             text = text.replace(old, new)
         path.write_text(text, encoding="utf-8")
@@ -310,7 +311,8 @@ FINE = """
 
 
 def scene_of(k, nodes):
-    severity, nu = (5.0, 15.0, 50.0, 30.0)[k % 4], (0.3, 0.0, 0.45)[k % 3]
+    severity = (5.0, 15.0, 50.0, 30.0)[k % 4]
+    nu = (0.3, 0.0, 0.45)[k % 3]
     scene = model_scene(severity, nu, 201 + k, nodes, waves=2)
     return replace(scene, body=Body()) if k % 2 == 0 else scene
 

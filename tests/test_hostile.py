@@ -304,7 +304,8 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
-    heights, digest = scene.surface.heights.copy(), scene.digest
+    heights = scene.surface.heights.copy()
+    digest = scene.digest
     wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
     np.testing.assert_array_equal(wrong.fields["pressure"], scene.load.final)
     np.testing.assert_array_equal(scene.surface.heights, heights)
@@ -372,7 +373,8 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(
 ):
     heights = np.array([[0.0, 0.5, -1.25], [3.0, 1e-9, 1 / 3]])
     metal = Material(2.5, 0.3, 11.0, 5.0)
-    surface, body = Surface(heights, (2.0, 4.5)), Body("bonded_layer", 0.75)
+    surface = Surface(heights, (2.0, 4.5))
+    body = Body("bonded_layer", 0.75)
     scene = Scene(surface, metal, Load((0.5, 4.0, 1.5, 2.5)), body)
     head, *rest = foreign.scene_text(scene).partition("heights\n")
     assert head.splitlines() == [
@@ -412,10 +414,8 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(
 def test_solver_in_c(scene, tmp_path):
     if not (compiler := shutil.which("cc") or shutil.which("gcc")):
         pytest.skip("there is no C compiler")
-    program, source = (
-        tmp_path / "full_contact",
-        Path(__file__).with_name("full_contact.c"),
-    )
+    program = tmp_path / "full_contact"
+    source = Path(__file__).with_name("full_contact.c")
     subprocess.run([compiler, "-O2", "-o", program, source, "-lm"], check=True)
     command = f"{program} {{scene}} {{result}}"
     found = foreign.solve("c", command, scene)

@@ -1,6 +1,4 @@
-"""The closed forms against arbitrary precision, exact identities, limits and the
-paper.
-"""
+"""The closed forms against arbitrary precision, identities, limits and the paper."""
 
 import math
 
@@ -27,9 +25,7 @@ TINY = 1e-290
 
 
 def images(s, x, c):
-    """Plastic area, force, mass below x, dP/dx at 0 and P(x), each summed over mirror
-    images.
-    """
+    """Plastic area, force, mass below x, dP/dx at 0 and P(x), summed over images."""
 
     def phi(z):
         return mp.exp(-((z / c) ** 2)) / (mp.sqrt(mp.pi) * c)
@@ -62,8 +58,12 @@ def referee(G, p0, H, sigma=0.0):
     """Areas, force, slopes, density and cumulative with 45 digits, from the doubles as
     they are.
     """
-    G, p0, H = mp.mpf(G), mp.mpf(p0), mp.mpf(H)
-    s, c, x = p0 / H, 2 * mp.sqrt(G) / H, mp.mpf(sigma) / H
+    G = mp.mpf(G)
+    p0 = mp.mpf(p0)
+    H = mp.mpf(H)
+    s = p0 / H
+    c = 2 * mp.sqrt(G) / H
+    x = mp.mpf(sigma) / H
     known = images if c < 1 else modes
     plastic, force, below, at_zero, density = known(s, x, c)
     separated, _, _, at_wall, _ = known(1 - s, x, c)
@@ -112,7 +112,8 @@ def contacts(draw, widest=1.7):
 @example((100.0, 12.5, 150.0))
 @example((3.0, 1e-3, 1.0))  # tiny elastic area
 def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
-    exact, found = referee(*contact), areas(*contact)
+    exact = referee(*contact)
+    found = areas(*contact)
     for name in ("elastic", "plastic", "separated"):
         assert is_near(getattr(found, name), exact[name]), name
     assert is_near(found.total, exact["elastic"] + exact["plastic"])
@@ -125,7 +126,8 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
     assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
     # Plastic and separated area swap places at the load H - p0, here so that it is
     # exact.
-    one, other = areas(contact[0], H - (H - p0), H), areas(contact[0], H - p0, H)
+    one = areas(contact[0], H - (H - p0), H)
+    other = areas(contact[0], H - p0, H)
     assert (one.plastic, one.elastic) == (other.separated, other.elastic)
 
 
@@ -144,9 +146,12 @@ def test_distribution_is_right(contact, share, offset, near_start):
 
 
 def test_pressures_outside_the_walls_hold_no_contact_and_the_density_ends_at_its_slopes():
-    G, p0, H = 4189.0, 12.5, 150.0
+    G = 4189.0
+    p0 = 12.5
+    H = 150.0
     elastic = areas(G, p0, H).elastic
-    outside, step = [-1.0, 0.0, H, 151.0], 1e-6 * H
+    outside = [-1.0, 0.0, H, 151.0]
+    step = 1e-6 * H
     assert np.all(pressure_density(outside, G, p0, H) == 0)
     assert_allclose(
         pressure_cumulative(outside, G, p0, H), [0, 0, elastic, elastic], rtol=0
@@ -173,7 +178,8 @@ def test_no_roughness_is_full_contact_and_endless_roughness_the_bearing_area():
 
 
 def test_infinite_and_great_hardness_are_the_elastic_theory():
-    G, p0 = np.array([0.0, 1e-8, 1.0, 4189.0, 1e30]), 12.5
+    G = np.array([0.0, 1e-8, 1.0, 4189.0, 1e30])
+    p0 = 12.5
     found = areas(G, p0, np.inf)
     with np.errstate(divide="ignore"):
         ratio = p0 / (2 * np.sqrt(G))
@@ -184,7 +190,8 @@ def test_infinite_and_great_hardness_are_the_elastic_theory():
     assert boundary_slopes(4189.0, p0)[1] == 0
     sigma = np.linspace(0, 500, 41)
     for curve in (pressure_density, pressure_cumulative):
-        hard, elastic = curve(sigma, 4189.0, p0, 1e8), curve(sigma, 4189.0, p0)
+        hard = curve(sigma, 4189.0, p0, 1e8)
+        elastic = curve(sigma, 4189.0, p0)
         assert_allclose(hard, elastic, rtol=1e-12, atol=1e-18)
 
 
@@ -196,14 +203,16 @@ def test_the_theory_row_of_the_paper():
     of exactly 1.
     """
     G = 250.0**2 * 0.536 / 8
-    found, elastic = areas(G, 12.5, 150.0), areas(G, 12.5).elastic
+    found = areas(G, 12.5, 150.0)
+    elastic = areas(G, 12.5).elastic
     rows = [found.elastic, found.plastic, found.total, elastic]
     assert_allclose(rows, [0.0526, 0.0572, 0.1099, 0.1087], rtol=0, atol=2.5e-4)
     assert_allclose(rows, [0.0525, 0.0572, 0.1097, 0.1086], rtol=0, atol=5e-5)
 
 
 def test_arguments_broadcast_and_scale():
-    G, p0 = np.geomspace(1, 1e5, 7)[:, None], np.array([1.0, 12.5, 149.0])
+    G = np.geomspace(1, 1e5, 7)[:, None]
+    p0 = np.array([1.0, 12.5, 149.0])
     hardness = np.array([150.0, np.inf, 150.0])
     found = areas(G, p0, hardness)
     assert found.elastic.shape == (7, 3)

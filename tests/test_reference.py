@@ -19,7 +19,8 @@ from epcontact.reference import CLOSED_FORMS, bumps, posts, waves
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid, SelfAffine, Sinusoid
 
-RADIUS, MODULUS = 2.5e-3, 70e9
+RADIUS = 2.5e-3
+MODULUS = 70e9
 ELASTIC = Material(2.0e11, 0.3)
 STIFFNESS = 2.0e11 / 0.91
 L = 1e-3
@@ -93,7 +94,8 @@ def test_cylinders_in_a_row():
             force, rel=1e-8
         )
     x = np.arange(1 << 15) * L / (1 << 15)
-    inside, a = np.linspace(0, 0.98 * 0.35 * L, 50), 0.35 * L
+    inside = np.linspace(0, 0.98 * 0.35 * L, 50)
+    a = 0.35 * L
     u = periodic_displacement(pressure(np.minimum(x, L - x), a), inside, L)
     assert np.ptp(inside**2 / (2 * RADIUS) + u) < 1e-5 * a**2 / RADIUS
 
@@ -146,7 +148,8 @@ def test_limits_of_waves():
         0,
         0.25,
     )
-    amplitude, load = 1e-6, 1e-6
+    amplitude = 1e-6
+    load = 1e-6
     complete = waves.line_complete_pressure(amplitude, L, MODULUS)
     radius = 1 / (amplitude * (2 * math.pi / L) ** 2)
     a = math.sqrt(4 * load * complete * L * radius / (math.pi * MODULUS))
@@ -166,7 +169,9 @@ def test_pressure_and_gap_of_a_wave_solve_the_contact_problem():
     """The mean-free elastic displacement, less the waviness, is the gap less its
     mean.
     """
-    n, load, amplitude = 16384, 0.4, 2e-6
+    n = 16384
+    load = 0.4
+    amplitude = 2e-6
     x = (np.arange(n) + 0.5) / n
     p = waves.line_complete_pressure(amplitude, L, MODULUS) * waves.line_pressure(
         x, load
@@ -277,7 +282,8 @@ def on_a_wave(points, place):
     surface = Surface(1e-6 * np.cos(2 * np.pi * x), (1e-3,))
     result = bem.solve(Scene(surface, ELASTIC, Load(0.3 * complete)), threads=1)
     exact = complete * waves.line_pressure(x, 0.3)
-    areas, area = result.final.areas, waves.line_contact_fraction(0.3)
+    areas = result.final.areas
+    area = waves.line_contact_fraction(0.3)
     return [
         float(
             np.linalg.norm(result.fields["pressure"] - exact) / np.linalg.norm(exact)

@@ -91,10 +91,8 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
         "TMPDIR": str(tmp_path),
         "NUMBA_CACHE_DIR": str(tmp_path / "file" / "kernels"),
     }
-    command, environment = (
-        [sys.executable, "-c", program, module],
-        os.environ | environment,
-    )
+    command = [sys.executable, "-c", program, module]
+    environment = os.environ | environment
     done = subprocess.run(
         command, check=True, capture_output=True, text=True, env=environment
     )

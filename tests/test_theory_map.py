@@ -12,7 +12,8 @@ from epcontact import SelfAffineSpectrum
 from epcontact.errors import InvalidScene
 from epcontact.persson import EnergyReduction, Theory, analytic_roughness, validity
 
-LOWEST, MODULUS = 1e4, 100e9
+LOWEST = 1e4
+MODULUS = 100e9
 
 
 def spectrum(hurst=0.8, wide=64.0, roll_off=4.0):
@@ -35,12 +36,14 @@ def expected(hardness=0.6, load=0.05, surfaces=1, **more):
 
 
 def test_at_its_places_the_map_has_the_errors_that_were_measured():
-    known, held = validity.theory_map(), []
+    known = validity.theory_map()
+    held = []
     for k in range(known["load"].size):
         place = {name: float(known[name][k]) for name in ("hurst", "roll_off")}
         capped = math.isfinite(known["hardness"][k])
         load = known["load"][k] * (known["hardness"][k] if capped else 1.0)
-        hardness, wide = float(known["hardness"][k]), known["wavelength_ratio"][k]
+        hardness = float(known["hardness"][k])
+        wide = known["wavelength_ratio"][k]
         found = expected(hardness, load, 8, wide=wide, **place)
         for name in ("total", "elastic", "plastic", "mean_gap"):
             if name in found and not math.isnan(measured := known[f"{name}_theory"][k]):
@@ -76,7 +79,8 @@ def test_more_surfaces_and_larger_ones_scatter_less():
 
 
 def test_a_body_harder_than_the_map_is_elastic_under_light_loads():
-    hard, elastic = expected(10.0, 0.1), expected(math.inf, 0.1)
+    hard = expected(10.0, 0.1)
+    elastic = expected(math.inf, 0.1)
     assert hard["total"] == pytest.approx(elastic["total"], abs=2e-3)
     hard = expected(2.0, 0.5, gamma=0.168, rule="local")
     assert ("total" in hard, "plastic" in hard) == (True, False)

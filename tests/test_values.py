@@ -49,15 +49,19 @@ def posts():
 @functools.cache
 def strain():
     surface = Surface(1e-12 * np.cos(np.arange(6) * np.pi / 3), (1e-3,))
-    metal, load = Material(210e9, 0.3, yield_stress=1e9), Load((0.5e9, 3.0e9, 1.0e9))
+    metal = Material(210e9, 0.3, yield_stress=1e9)
+    load = Load((0.5e9, 3.0e9, 1.0e9))
     scene = Scene(surface, metal, load, Body("bonded_layer", 2e-3))
     return scene, fem_check.solve(scene, law="j2", layers=3, hardening=40e9)
 
 
 def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
     """2 mu (e - 3a/2) = q = Y + H a and p = K e + 2q/3 up to the peak; then elastic."""
-    E, nu, Y = METAL.young_modulus, METAL.poisson_ratio, METAL.yield_stress
-    mu, K = E / 2 / (1 + nu), E / 3 / (1 - 2 * nu)
+    E = METAL.young_modulus
+    nu = METAL.poisson_ratio
+    Y = METAL.yield_stress
+    mu = E / 2 / (1 + nu)
+    K = E / 3 / (1 - 2 * nu)
     share = H / (3 * mu + H)
     e = (peak - 2 / 3 * Y * (1 - share)) / (K + 4 / 3 * mu * share)
     a = (2 * mu * e - Y) / (3 * mu + H)
@@ -81,7 +85,8 @@ def order():
     """Column 1 is closest, though row 2 was before it flowed; column 2 is the
     widest.
     """
-    gap, sunk = np.full((6, 4), 5.0), np.zeros((6, 4))
+    gap = np.full((6, 4), 5.0)
+    sunk = np.zeros((6, 4))
     gap[:, 1], gap[:, 2], gap[2, :], sunk[2, :] = 1.0, 8.0, 0.5, 3.0
     gap[2, 1:3], sunk[2, 1:3] = (0.4, 8.0), (0.6, 0.0)
     scene = Scene(Surface(np.eye(6, 4), (1.0, 1.0)), METAL, Load((2e6, 1e6)))

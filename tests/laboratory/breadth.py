@@ -23,7 +23,8 @@ FILE = Path(__file__).with_suffix(".csv")
 #: What tells an ensemble, and what it has in common with that of the map's kind.
 METAL = ["nodes", "poisson_ratio", "severity", "load"]
 SPECTRUM = ["waves", "roll_off", "hurst"]
-LOADS, MAP = (0.1, 0.25, 0.5, 1.0), (4, 1, 0.8)
+LOADS = (0.1, 0.25, 0.5, 1.0)
+MAP = (4, 1, 0.8)
 #: The spectra of the fit, which is at 6 nodes to the shortest wave and Poisson's ratio
 #: .3.
 FITTED = [(2, 1, 0.8), (8, 1, 0.8), (32, 1, 0.8), (8, 4, 0.8), (32, 4, 0.8)]

@@ -214,7 +214,8 @@ def by_spots(mask, C):
 
     The pressure of a patch is that of a disc of its area, in proportion to its radius.
     """
-    of_point, n = number_patches(mask)[0], mask.shape[0]
+    of_point = number_patches(mask)[0]
+    n = mask.shape[0]
     radius = np.sqrt(np.bincount(of_point) / mask.size / math.pi)
     force = radius / radius.sum()
     turns = np.exp(2j * np.pi * np.argwhere(mask) / n)  # a mean place on a period
@@ -222,7 +223,8 @@ def by_spots(mask, C):
         [np.bincount(of_point, f(t)) for t in turns.T for f in (np.real, np.imag)]
     )
     places = [np.angle(a + 1j * b) / (2 * np.pi) * n for a, b in (sums[:2], sums[2:])]
-    loads, one = np.zeros(mask.shape), np.zeros(mask.shape)
+    loads = np.zeros(mask.shape)
+    one = np.zeros(mask.shape)
     np.add.at(
         loads, tuple(np.round(p).astype(int) % n for p in places), force * mask.size
     )
@@ -243,7 +245,8 @@ def spots(seeds=range(1, 5)):
         for load in (0.003, 0.03, 0.1, 0.3):
             for seed in seeds:
                 scene = study.joint_scene(8, 0.8, hardness, load, seed, 8)
-                result, C = bem.solve(scene, threads=1), compliance(scene)
+                result = bem.solve(scene, threads=1)
+                C = compliance(scene)
                 C.flat[0] = 0.0
                 u = 2 / contact_conductance(scene, result, 1.0).corrected
                 ratios = [
@@ -263,7 +266,8 @@ def by_theory(table):
     for place in table.to_dict("records"):
         at = {name: place[name] for name in study.PLACE}
         scene = study.joint_scene(**at, seed=1, waves=8)
-        up, p = theory_of(scene), scene.load.final
+        up = theory_of(scene)
+        p = scene.load.final
         down = replace(up, roughness=flattened_roughness(up, p), hardness=math.inf)
         above, below = (mean_separation(down, p * math.exp(s)) for s in (-0.01, 0.01))
         k = 0.02 * p / (above - below)

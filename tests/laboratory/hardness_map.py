@@ -42,7 +42,8 @@ PLACE = ["severity", "poisson_ratio", "load"]
 VARIED = ["nodes", "waves", "hurst", "depth", "steps"]
 #: The least standard error of a relative change between two grids, and the terms of its
 #: fit.
-LEAST_SCATTER, TERMS_OF_GRID = 0.004, 2
+LEAST_SCATTER = 0.004
+TERMS_OF_GRID = 2
 #: Bodies to 64 nodes a wave were 1.3 % off at severity 100, all that the fits of grids
 #: claim.
 CAUTION = 2
@@ -75,8 +76,10 @@ def measured_areas(task, j2):
     compliance.
     """
     scene = task.case.scene(task.recipe)
-    material, surface = scene.material, scene.surface
-    spectrum, sigma_Y = surface.spectrum, material.yield_stress
+    material = scene.material
+    surface = scene.surface
+    spectrum = surface.spectrum
+    sigma_Y = material.yield_stress
     assert spectrum is not None
     compliance = elements_compliance(scene, j2)
     columns = {
@@ -91,10 +94,12 @@ def measured_areas(task, j2):
     }
     tables = []
     for step in j2.steps:
-        load, area = _short(step.mean_pressure / sigma_Y), step.areas["raw"].total
+        load = _short(step.mean_pressure / sigma_Y)
+        area = step.areas["raw"].total
         # No capped body presses with more than its cap, so that the cap is at least
         # load/area.
-        low, high = max(load, 0.9 * load / area), 2.4 * load / area
+        low = max(load, 0.9 * load / area)
+        high = 2.4 * load / area
         caps = [*(cap for cap in LADDER if low < cap <= high), math.inf]
         single = replace(scene, load=Load(step.mean_pressure))
         capped = [capped_body(single, cap * sigma_Y, compliance).final for cap in caps]
@@ -122,14 +127,13 @@ def inverse_hardness(areas):
     `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces,
     area (of the J2 bodies) and inverse, with the shifts of inverse by the jackknife.
     """
-    rows, shifts, nodes, places = (
-        [],
-        [],
-        areas["nodes"].iloc[0],
-        areas.groupby(PLACE, sort=False),
-    )
+    rows = []
+    shifts = []
+    nodes = areas["nodes"].iloc[0]
+    places = areas.groupby(PLACE, sort=False)
     for _, group in places:
-        n, whole = group["seed"].nunique(), _inverse(group, nodes)
+        n = group["seed"].nunique()
+        whole = _inverse(group, nodes)
         area = group.groupby("seed")["j2_area"].first().mean()
         rows.append({"surfaces": n, "area": area, "inverse": whole})
         shifts.append({})
@@ -231,7 +235,8 @@ def _kinds(areas):
     The key is "" for another spectrum, and "finer" for one with more nodes to the
     shortest wave.
     """
-    usual, kinds = areas[VARIED].iloc[0], dict[str, list[pd.DataFrame]]()
+    usual = areas[VARIED].iloc[0]
+    kinds = dict[str, list[pd.DataFrame]]()
     for key, group in areas.groupby(VARIED):
         other = dict(zip(VARIED, key, strict=True))
         differ = [name for name, value in other.items() if value != usual[name]]
@@ -261,11 +266,13 @@ def off_the_grid(areas, finer, places, others=()):
     """
     grids = [areas, *sorted(finer, key=lambda other: other["nodes"].iloc[0])]
     left, doubt = _share_left(grids[-1], others)
-    whole, moved = np.ones(len(places)), dict[int, FloatArray]()
+    whole = np.ones(len(places))
+    moved = dict[int, FloatArray]()
     for coarse, fine in pairwise(grids):
         known, shifts = changes(coarse, fine)
         told = known["surfaces"] > 1  # a single one does not say how much it scatters
-        known, shifts = known[told], shifts[told]
+        known = known[told]
+        shifts = shifts[told]
         if known.empty:
             raise InvalidCase(
                 "no place of the map has two surfaces on a finer grid; solve two"
@@ -275,10 +282,8 @@ def off_the_grid(areas, finer, places, others=()):
         missed = (known["change"].to_numpy() - fit(known["change"], known)) * weight
         freedom = max(len(known) - TERMS_OF_GRID, 1)
         worse = max(1.0, math.sqrt(float(missed @ missed) / freedom))
-        change, counted = (
-            fit(known["change"], places),
-            1 + left if fine is grids[-1] else 1.0,
-        )
+        change = fit(known["change"], places)
+        counted = 1 + left if fine is grids[-1] else 1.0
         whole *= 1 + counted * change
         for seed, shift in shifts.items():
             moved[seed] = moved.get(seed, 0.0) + counted * worse * fit(shift, places)
@@ -337,7 +342,8 @@ def _error_of_the_fit(made, shifts):
     at once.
     """
     columns = {name: made[name].to_numpy() for name in made}
-    at, inverse = terms(*(columns[name] for name in PLACE)), columns["inverse_hardness"]
+    at = terms(*(columns[name] for name in PLACE))
+    inverse = columns["inverse_hardness"]
     ratio = at @ fit(columns)[0]
     moved = [
         at @ fit({**columns, "inverse_hardness": inverse + shift.to_numpy()})[0] - ratio

@@ -16,7 +16,8 @@ from epcontact.harness.case_files.case import case_at, find_named
 from epcontact.harness.methods.registry import METHODS
 from laboratory.hardness_map import inverse_hardness, measured_areas
 
-LOADS, WAVE = (0.003, 0.01, 0.03, 0.1), 6283.185307179586  # of sigma_Y; rad/m
+LOADS = (0.003, 0.01, 0.03, 0.1)
+WAVE = 6283.185307179586  # of sigma_Y; rad/m
 #: Nodes a wave, waves in a period, E* xi/sigma_Y and seeds.
 RUNS = [
     *((nodes, 4, s, range(101, 109)) for nodes in (12, 24) for s in (5, 15, 50)),
@@ -42,11 +43,9 @@ def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, 
         "load.mean_pressure": [load * 2e8 for load in loads],
     }
     case = case_at(text, point, "large")
-    solve, options, tasks = (
-        METHODS["fem"].solve,
-        case.options["fem"],
-        tasks_of(case, Run()),
-    )
+    solve = METHODS["fem"].solve
+    options = case.options["fem"]
+    tasks = tasks_of(case, Run())
     return pd.concat(
         measured_areas(t, solve(case.scene(t.recipe), options, 1)) for t in tasks
     )

@@ -36,12 +36,11 @@ HALVES = {
     "judged": {"hurst": (0.5, 0.95), "bandwidth": (64, 256), "seed": (5, 6, 7, 8)},
 }
 ROLL_OFFS = (1, 4)
-LOADS, HARDNESSES = (
-    (0.005, 0.02, 0.05, 0.1, 0.2, 0.4),
-    (0.1, 0.16, 0.3, 0.6, 1.2, math.inf),
-)
+LOADS = (0.005, 0.02, 0.05, 0.1, 0.2, 0.4)
+HARDNESSES = (0.1, 0.16, 0.3, 0.6, 1.2, math.inf)
 PLACES = [(p, h) for h, p in product(HARDNESSES, LOADS) if p < 0.85 * h]
-AIMS, LEAST = {"total": 0.02, "elastic": 0.05, "plastic": 0.05}, 1e-3
+AIMS = {"total": 0.02, "elastic": 0.05, "plastic": 0.05}
+LEAST = 1e-3
 SPECTRUM = ["half", "hurst", "bandwidth", "roll_off"]
 
 
@@ -52,12 +51,14 @@ def spectrum_of(hurst, bandwidth, roll_off):
 
 def solved(hurst, bandwidth, roll_off, seed):
     """A row for each place: the corrected areas and their claims."""
-    spectrum, side = spectrum_of(hurst, bandwidth, roll_off), 4 * bandwidth
+    spectrum = spectrum_of(hurst, bandwidth, roll_off)
+    side = 4 * bandwidth
     surface = SelfAffine(
         spectrum, (2 * math.pi / LOWEST,) * 2, (side, side), seed
     ).build()
     for p0, hardness in PLACES:
-        body, load = Material(MODULUS, 0.0, hardness * MODULUS), Load(p0 * MODULUS)
+        body = Material(MODULUS, 0.0, hardness * MODULUS)
+        load = Load(p0 * MODULUS)
         areas = bem.solve(Scene(surface, body, load), area_tolerance=1e-4).final.areas
         found = {part: getattr(areas["corrected"], part) for part in AIMS}
         claims = {f"{part}_error": getattr(areas["error"], part) for part in AIMS}
@@ -67,7 +68,8 @@ def solved(hurst, bandwidth, roll_off, seed):
 def measured(kept):
     """Means over the seeds of every place and spectrum, with the error of each mean."""
     lines = kept.read_text().splitlines() if kept and kept.exists() else []
-    rows, keys = [json.loads(line) for line in lines], (*SPECTRUM, "seed")
+    rows = [json.loads(line) for line in lines]
+    keys = (*SPECTRUM, "seed")
     there = {tuple(row[key] for key in keys) for row in rows}
     for half, axes in HALVES.items():
         for hurst, bandwidth, seed, roll_off in product(*axes.values(), ROLL_OFFS):
@@ -114,7 +116,8 @@ def usable(table):
 
 def fit(table, start=CONSTANTS):
     """gamma, b and c."""
-    area, aims = table[[*AIMS]].to_numpy(), np.array([*AIMS.values()])
+    area = table[[*AIMS]].to_numpy()
+    aims = np.array([*AIMS.values()])
     error = table[[f"{part}_error" for part in AIMS]].to_numpy()
     scale = np.hypot(
         aims, np.divide(error, area, out=np.ones_like(area), where=area > 0)
@@ -146,7 +149,8 @@ def report(name, found, table):
     """Print the rms, median, 95 % and largest error of each area in %, and what is in
     the aim.
     """
-    area, used = table[[*AIMS]].to_numpy(), usable(table)
+    area = table[[*AIMS]].to_numpy()
+    used = usable(table)
     for i, (part, aim) in enumerate(AIMS.items()):
         off = 100 * (found[used[:, i], i] / area[used[:, i], i] - 1)
         within = 100 * np.mean(abs(off) < 100 * aim)

@@ -20,7 +20,9 @@ from epcontact import Load, Material, Scene, Surface, bem
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.studies.areas import KINDS, member
 
-SEEDS, COARSE, FINE = range(200, 216), (1, 2), 8
+SEEDS = range(200, 216)
+COARSE = (1, 2)
+FINE = 8
 SHARES = [f"quantity.{of}_percolation" for of in ("contact", "gap")]
 PARTS = ("total", "plastic", "elastic")
 PATCHES = [f"quantity.{part}_patches{of}" for part in PARTS for of in ("", "_largest")]

@@ -44,7 +44,8 @@ PARTS = ("total", "elastic", "plastic")
 #: Slopes are means within this share of the smaller of hardness and E* xi, below a
 #: hardness of which (over E* xi) the points next to a rim fill the window on four
 #: points a wave.
-WINDOW, LEAST = 0.2, 0.6
+WINDOW = 0.2
+LEAST = 0.6
 HEADER = """\
 # The theory's error; tests/laboratory/theory_map.py says what the columns are.
 # Made by `python -m laboratory.theory_map --size {size}` with {versions}.
@@ -61,7 +62,8 @@ def make_map(size, output, jobs=None):
         for task, point in zip(sweep.tasks, sweep.points, strict=True):
             places.setdefault(str(point), []).append(task)
         rows += [place_row(tasks, output) for tasks in places.values()]
-    made, path = pd.DataFrame(rows), output / "theory-map" / size / "theory_map.csv"
+    made = pd.DataFrame(rows)
+    path = output / "theory-map" / size / "theory_map.csv"
     maps.write(path, size, HEADER, made.to_csv(index=False, float_format="%.5g"))
     return made, path
 
@@ -72,11 +74,10 @@ def place_row(tasks, output):
     """
     (theory,) = (kept(task, output) for task in tasks if task.method.name == "persson")
     found = [kept(task, output) for task in tasks if task.method.name == "bem"]
-    case, spectrum = tasks[0].case, tasks[0].recipe.spectrum
-    unit, hardness = (
-        effective_modulus(case.material) * spectrum.rms_slope,
-        case.material.hardness,
-    )
+    case = tasks[0].case
+    spectrum = tasks[0].recipe.spectrum
+    unit = effective_modulus(case.material) * spectrum.rms_slope
+    hardness = case.material.hardness
     scale = hardness if math.isfinite(hardness) else unit
     low, mid, high = (
         getattr(spectrum, f"wavenumber_{k}") for k in ("low", "roll_off", "high")
@@ -183,10 +184,8 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
     given.
     """
     random = np.random.default_rng([32, number])
-    hurst, roll = (
-        round(random.uniform(0.25, 0.98), 3),
-        float(random.choice([1, 2, 4, 6])),
-    )
+    hurst = round(random.uniform(0.25, 0.98), 3)
+    roll = float(random.choice([1, 2, 4, 6]))
     ends = max(wide[0], 4 * roll), wide[1]
     wide = round(float(np.exp(random.uniform(*np.log(ends)))))
     elastic = random.random() < 0.15
@@ -200,7 +199,8 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
         else share * hardness
     )
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll * LOWEST, wide * LOWEST, 1.0)
-    periods, points = (2 * math.pi / LOWEST,) * 2, (4 * wide,) * 2
+    periods = (2 * math.pi / LOWEST,) * 2
+    points = (4 * wide,) * 2
     surface = SelfAffine(spectrum, periods, points, 5000 + number).build()
     return Scene(
         surface, Material(MODULUS, 0.0, hardness * MODULUS), Load(load * MODULUS)

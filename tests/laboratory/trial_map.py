@@ -19,7 +19,8 @@ from epcontact.surfaces.power_spectrum import surface_moments
 
 PIXEL = 0.8  # µm
 STEEL = {"young_modulus": 210e9, "poisson_ratio": 0.3}
-YIELD, PRESSURE = 1.0e9, 4.0e8  # Pa
+YIELD = 1.0e9
+PRESSURE = 4.0e8  # Pa
 
 
 def trial_map(spikes: int = 25, seed: int = 34, *, holes: bool = True) -> np.ndarray:
