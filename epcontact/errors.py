@@ -1,7 +1,7 @@
 """The errors that epcontact raises on purpose.
 
-Each message is one sentence for the person who gave the input: it says what is wrong,
-where, and what would be right.  The command line prints it unchanged and exits with 2.
+Each message is one sentence for the person who gave the input.  It says what is wrong,
+where, and what is expected.  The command line prints it unchanged and exits with 2.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ class InvalidScene(EpcontactError, ValueError):
 
 
 class SurfaceWarning(UserWarning):
-    """A surface that can be answered and is probably not what its maker means."""
+    """A surface that can be solved, but is probably not what the user intended."""
 
 
 class InvalidCase(EpcontactError, ValueError):
-    """A case file that is unreadable or inconsistent; `args` has a sentence for each
-    mistake.
+    """A case file that is unreadable or inconsistent.
+
+    `args` holds a sentence for each mistake.
     """
 
     def __str__(self) -> str:
@@ -37,16 +38,18 @@ class OutputError(EpcontactError, OSError):
 
 
 class NotEnoughMemory(EpcontactError, MemoryError):
-    """A problem that is estimated not to fit into memory; raised before anything is
-    allocated.
+    """A problem that is estimated not to fit into memory.
+
+    It is raised before anything is allocated.
     """
 
 
 class NotConverged(EpcontactError, RuntimeError):
     """An iteration that ended without meeting its tolerance.
 
-    `residuals` holds the last dimensionless residuals by name, `history` one value an
-    iteration.
+    Attributes:
+        residuals: The last dimensionless residuals, by name.
+        history: The residual that decides convergence, one value for each iteration.
     """
 
     def __init__(
@@ -56,7 +59,8 @@ class NotConverged(EpcontactError, RuntimeError):
         history: Sequence[float] = (),
     ) -> None:
         super().__init__(message)
-        self.residuals, self.history = dict(residuals), tuple(history)
+        self.residuals = dict(residuals)
+        self.history = tuple(history)
 
 
 class StudyUnavailable(EpcontactError):
@@ -64,36 +68,47 @@ class StudyUnavailable(EpcontactError):
 
 
 def printable(text: str) -> str:
-    """Return `text` on one line, with escapes for characters that a terminal or XML
-    cannot show.
+    """Return a text on one line without control characters.
+
+    Characters that a terminal or XML cannot show become escapes such as \\x1b.
     """
     line = " ".join(text.split())
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+    characters = []
+    for character in line:
+        escaped = repr(character)[1:-1]
+        characters.append(character if character.isprintable() else escaped)
+    return "".join(characters)
 
 
 def sentence_of(error: BaseException) -> str:
-    """Return what an error says in one line; one not raised on purpose is named by its
-    type.
+    """Return the message of an error on one line.
+
+    The message of an error that was not raised on purpose begins with its type.
     """
     if isinstance(error, EpcontactError):
         return printable(str(error))
-    text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return printable(
-        f"not enough memory ({text})" if isinstance(error, MemoryError) else text
-    )
+    text = type(error).__name__
+    if str(error):
+        text += f": {error}"
+    if isinstance(error, MemoryError):
+        text = f"not enough memory ({text})"
+    return printable(text)
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is so close to an unknown one that it is probably
-    meant, or "".
-    """
-    return next(iter(difflib.get_close_matches(name, sorted(known), n=1)), "")
+    """Return the known name that was probably meant by an unknown one, or ""."""
+    matches = difflib.get_close_matches(name, sorted(known), n=1)
+    return matches[0] if matches else ""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: the closest known one, or their
-    list.
+    """Return the end of a sentence about an unknown name.
+
+    It suggests the closest known name, or lists the known names if none is close.
     """
-    listed = textwrap.shorten(", ".join(sorted(known)), 500, placeholder=" and others")
-    close = closest(name, known)
-    return f"; did you mean {close!r}?" if close else f"; there are {listed}"
+    known = sorted(known)
+    suggestion = closest(name, known)
+    if suggestion:
+        return f"; did you mean {suggestion!r}?"
+    listed = textwrap.shorten(", ".join(known), 500, placeholder=" and others")
+    return f"; there are {listed}"

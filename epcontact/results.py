@@ -1,15 +1,12 @@
-"""The result of a method: areas, residuals, pressure distribution, fields, cost and
-provenance.
+"""The result of a method: areas, residuals, pressures, fields, cost and provenance.
 
-All methods return the same frozen class, so that a gate need not know which of them it
-reads.
+All methods return the same frozen class, so that a gate reads any of them alike.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import math
 import os
 import platform
@@ -27,13 +24,15 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 #: The contact states of a grid point, in every field and picture.
-APART, ELASTIC, PLASTIC = 0, 1, 2
+APART = 0
+ELASTIC = 1
+PLASTIC = 2
 
-#: What a table of loads shows, with its unit: corrected areas over the nominal area,
-#: what follows from the fields of a load, the fractions of the contact points and of
-#: the load on heights that were not measured but filled, and the hardness that the
-#: load was solved with.  A flowed area is contact that has flowed at some load, which is all that J2
-#: knows where a load has fallen.
+#: The columns of a table of loads, with their units: corrected areas over the nominal
+#: area, quantities that follow from the fields of a load, the fractions of the contact
+#: points and of the load on heights that were not measured but filled, and the hardness
+#: of the load.  "flowed_area" is the contact that has flowed at some load; it replaces
+#: the plastic area of a J2 body whose load has fallen.
 COLUMNS: Mapping[str, str] = {
     "mean_pressure": "Pa",
     "total_area": "",
@@ -52,15 +51,13 @@ COLUMNS: Mapping[str, str] = {
     "filled_load": "",
     "hardness": "Pa",
 }
-#: What a contact conducts where the conductivities of its bodies are known.
+#: Kinds of conductivity that a case can give for its two bodies.
 CONDUCTING = ("thermal", "electrical")
 
 
 @functools.cache  # reading package metadata takes longer than a solve of the theory
 def package_versions() -> dict[str, str]:
-    """Return the versions of this package, Python and the libraries that affect the
-    numbers.
-    """
+    """Return the versions of Python, this package and the libraries behind numbers."""
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
         versions[name] = "not installed"
@@ -80,13 +77,19 @@ class Areas:
 
 @dataclass(frozen=True, eq=False)
 class PressureDistribution:
-    """The distribution of the nominal area over the contact pressures."""
+    """The distribution of the nominal area over the contact pressures.
 
-    pressure: (
-        FloatArray  #: (m,) ascending from 0 to the hardness or largest pressure, in Pa.
-    )
-    cumulative: FloatArray  #: (m,) share in *elastic* contact at a pressure in (0, pressure[i]].
-    plastic: float = 0.0  #: Share of the nominal area at the hardness.
+    Attributes:
+        pressure: Pressures in Pa, ascending from 0 to the hardness or the largest
+            pressure, (m,).
+        cumulative: Fraction of the nominal area in *elastic* contact at a pressure in
+            (0, pressure[i]], (m,).
+        plastic: Fraction of the nominal area at the hardness.
+    """
+
+    pressure: FloatArray
+    cumulative: FloatArray
+    plastic: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("pressure", "cumulative"):
@@ -96,7 +99,7 @@ class PressureDistribution:
         object.__setattr__(self, "plastic", float(self.plastic))
 
     def __eq__(self, other: object) -> bool:
-        """Whether both hold the same numbers."""
+        """Return whether both hold the same numbers."""
         return isinstance(other, PressureDistribution) and plain(self) == plain(other)
 
     def __hash__(self) -> int:
@@ -105,83 +108,99 @@ class PressureDistribution:
 
 @dataclass(frozen=True)
 class LoadStep:
-    """The answer at one mean pressure (Pa) of the load path.
+    """The result at one load of the path.
 
-    Areas are "raw" (share of the grid points; the exact areas of a method without a
-    grid), "corrected" (continuum limit) and "error" (their estimated error by the
-    grid).  Other sources of error are such as "hardness_error", which the interval of
-    an effective hardness makes.
+    Attributes:
+        mean_pressure: In Pa.
+        areas: Areas by kind: "raw" (fraction of the grid points; exact for a method
+            without a grid), "corrected" (limit of a vanishing grid spacing), "error"
+            (error estimate of the corrected areas) and errors from other sources, such
+            as "hardness_error".
+        residuals: Dimensionless residuals that decide convergence, by name.
+        iterations: Counts such as newton, cg and fft_pairs.
+        quantities: Other quantities in SI units, such as mean_gap.
     """
 
     mean_pressure: float
     areas: Mapping[str, Areas]
-    residuals: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: Those that decide, over a scale.
-    iterations: Mapping[str, int] = field(
-        default_factory=dict
-    )  #: newton, cg, fft_pairs, ...
-    quantities: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: Others, such as mean_gap; SI.
+    residuals: Mapping[str, float] = field(default_factory=dict)
+    iterations: Mapping[str, int] = field(default_factory=dict)
+    quantities: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def best_areas(self) -> Areas:
+        """The corrected areas, or the raw ones of a method without a correction."""
+        kind = "corrected" if "corrected" in self.areas else "raw"
+        return self.areas[kind]
 
     @property
     def row(self) -> dict[str, float]:
-        """What is known of COLUMNS, each with "<name>_error" and
-        "<name>_error_by_<source>".
-        """
-        found = {"mean_pressure": self.mean_pressure}
-        known = {
-            n.replace(".error", "_error_by_grid"): v for n, v in self.quantities.items()
-        }
-        for kind, areas in self.areas.items():
-            source = kind.removesuffix("error").rstrip("_") or "grid"
-            end = f"_error_by_{source}" if kind.endswith("error") else ""
-            if end or kind == ("corrected" if "corrected" in self.areas else "raw"):
-                known |= {
-                    f"{part}_area{end}": area for part, area in vars(areas).items()
-                }
-        for name in COLUMNS:
-            parts = {
-                n: v
-                for n, v in known.items()
-                if n.startswith(f"{name}_error_by_") and v
-            }
-            whole = {f"{name}_error": math.hypot(*parts.values())} if parts else {}
-            found |= {n: v for n, v in known.items() if n == name} | whole | parts
-        return found
+        """The columns of COLUMNS that this load has, with their errors.
 
-    def with_errors(self, shares: Mapping[str, float], source: str) -> LoadStep:
-        """Add the errors of a source, as shares of what they belong to; of areas, of
-        the total.
+        A value with an error is followed by "<name>_error" and by
+        "<name>_error_by_<source>" for each source, whose root of the sum of squares is
+        the error.
         """
-        if not shares:
+        values = {"mean_pressure": self.mean_pressure}
+        for name, value in self.quantities.items():
+            values[name.replace(".error", "_error_by_grid")] = value
+        for part, area in vars(self.best_areas).items():
+            values[f"{part}_area"] = area
+        for kind, areas in self.areas.items():
+            if kind.endswith("error"):
+                source = kind.removesuffix("error").rstrip("_") or "grid"
+                for part, error in vars(areas).items():
+                    values[f"{part}_area_error_by_{source}"] = error
+        row = {}
+        for column in COLUMNS:
+            if column in values:
+                row[column] = values[column]
+            prefix = f"{column}_error_by_"
+            sources = {n: v for n, v in values.items() if n.startswith(prefix) and v}
+            if sources:
+                row[f"{column}_error"] = math.hypot(*sources.values())
+                row |= sources
+        return row
+
+    def with_errors(
+        self, relative_errors: Mapping[str, float], source: str
+    ) -> LoadStep:
+        """Return this step with the errors that a source causes.
+
+        Args:
+            relative_errors: Errors by name, relative to the quantity of this name; of
+                total_area, elastic_area and plastic_area relative to the total area.
+                None are added if it is empty.
+            source: Name of the source, such as "treatment".
+        """
+        if not relative_errors:
             return self
-        total = self.areas["corrected" if "corrected" in self.areas else "raw"].total
-        areas = Areas(
-            *(
-                total * shares[f"{part}_area"]
-                for part in vars(next(iter(self.areas.values())))
-            )
+        total = self.best_areas.total
+        area_error = Areas(
+            total=total * relative_errors["total_area"],
+            elastic=total * relative_errors["elastic_area"],
+            plastic=total * relative_errors["plastic_area"],
         )
-        known = {
-            name: share for name, share in shares.items() if name in self.quantities
-        }
-        errors = {
-            f"{n}_error_by_{source}": abs(s * self.quantities[n])
-            for n, s in known.items()
-        }
-        both = {**self.areas, f"{source}_error": areas}, {**self.quantities, **errors}
-        return replace(self, areas=both[0], quantities=both[1])
+        quantities = dict(self.quantities)
+        for name, relative_error in relative_errors.items():
+            if name in self.quantities:
+                error = abs(relative_error * self.quantities[name])
+                quantities[f"{name}_error_by_{source}"] = error
+        areas = {**self.areas, f"{source}_error": area_error}
+        return replace(self, areas=areas, quantities=quantities)
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """The scene's digest, the surface's seed, the method's options and the libraries'
-    versions.
+    """What is needed to compute a result again.
 
-    They are enough to make a result again.  `about` is the scene in words and figures:
-    by name a `value`, its `unit` and its `meaning`.
+    Attributes:
+        scene: Digest of the scene.
+        seed: Seed of the surface; None if it has none.
+        options: Options of the method.
+        versions: Versions of Python, this package and the libraries.
+        about: The scene in words and numbers: by name a `value`, its `unit` and its
+            `meaning`.
     """
 
     scene: str
@@ -195,15 +214,24 @@ class Provenance:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactResult:
-    """One scene answered by one method.
+    """The result of one method for one scene.
 
-    Results are equal if their answers are, with fields, whatever they cost.  A notebook
-    shows the table of loads.  There is a step for each mean pressure, and gates read
-    the last one.  Its `distribution` is that of the pressures; `fields` are arrays on
-    the surface's grid: heights, pressure, gap, displacement (SI units) and state
-    (APART, ELASTIC, PLASTIC), or none.  `cost` has seconds, unknowns, peak_memory_bytes
-    and the method's own counts over the path; `history` the residual that decides
-    convergence, for each iteration of the last step.
+    Two results are equal if their numbers and fields are equal, whatever their cost.  A
+    notebook shows the table of loads.
+
+    Attributes:
+        method: Name of the method.
+        steps: A step for each mean pressure of the load path; gates read the last one.
+        provenance: What is needed to compute the result again.
+        distribution: Distribution of the pressure at the last load; None if not known.
+        fields: Arrays on the surface's grid at the last load: heights, pressure, gap
+            and displacement in SI units, and state (APART, ELASTIC, PLASTIC); or none.
+        cost: seconds, unknowns, peak_memory_bytes and the method's own counts, over the
+            path.
+        history: Residual that decides convergence after each iteration of the last
+            step.
+        notes: Sentences for the reader, such as a warning.
+        converged: Whether the residuals met the tolerance.
 
     Raises:
         ValueError: There is no load step.
@@ -216,10 +244,8 @@ class ContactResult:
     fields: Mapping[str, NDArray[Any]] = field(default_factory=dict, repr=False)
     cost: Mapping[str, float] = field(default_factory=dict)
     history: tuple[float, ...] = field(default=(), repr=False)
-    notes: tuple[
-        str, ...
-    ] = ()  #: Sentences that the reader should see, as of a fallback.
-    converged: bool = True  #: Whether the residuals met the tolerance.
+    notes: tuple[str, ...] = ()
+    converged: bool = True
 
     def __post_init__(self) -> None:
         if not self.steps:
@@ -235,90 +261,90 @@ class ContactResult:
 
     @property
     def branches(self) -> tuple[str, ...]:
-        """The branch of each load: "loading" if no load before it was larger, else
-        "unloading", or "reloading" if the load grows again.
+        """The branch of each load: "loading", "unloading" or "reloading".
+
+        A load is on "loading" if none before it was larger; else on "unloading" if it
+        is no larger than the one before it, and on "reloading" if it is.
         """
-        loads = [0.0, *(step.mean_pressure for step in self.steps)]
-        most = itertools.accumulate(loads, max)
-        return tuple(
-            "loading"
-            if after >= peak
-            else "unloading"
-            if after <= before
-            else "reloading"
-            for peak, (before, after) in zip(
-                most, itertools.pairwise(loads), strict=False
-            )
-        )
+        branches = []
+        previous = 0.0
+        peak = 0.0
+        for step in self.steps:
+            load = step.mean_pressure
+            if load >= peak:
+                branches.append("loading")
+            elif load <= previous:
+                branches.append("unloading")
+            else:
+                branches.append("reloading")
+            previous = load
+            peak = max(peak, load)
+        return tuple(branches)
 
     def table(self) -> pd.DataFrame:
-        """Return a pandas table with a row a load; its columns end with their SI units,
-        such as mean_pressure_Pa, total_area, total_area_error and
-        total_area_error_by_grid.
+        """Return a pandas table with a row for each load.
+
+        Names of columns end with their SI units, such as mean_pressure_Pa, total_area,
+        total_area_error and total_area_error_by_grid.
         """
         import pandas as pd
 
-        def titled(name: str) -> str:
-            unit = (
-                COLUMNS[name.partition("_error")[0]]
-                .replace("1/", "per_")
-                .replace("/", "_per_")
-            )
-            unit = unit.replace("(", "").replace(")", "").replace(" ", "_")
-            return f"{name}_{unit}".rstrip("_")
-
-        rows = [
-            {titled(name): value for name, value in step.row.items()}
-            for step in self.steps
-        ]
-        return pd.DataFrame(
-            [{"branch": b} | r for b, r in zip(self.branches, rows, strict=True)]
-        )
+        rows = []
+        for branch, step in zip(self.branches, self.steps, strict=True):
+            row = {_with_unit(name): value for name, value in step.row.items()}
+            rows.append({"branch": branch, **row})
+        return pd.DataFrame(rows)
 
     def __repr__(self) -> str:
         row = self.final.row
-        area, error = row["total_area"], row.get("total_area_error")
-        loads = f"{len(self.steps)} load" + "s" * (len(self.steps) > 1)
-        sure = "" if error is None else f" ± {error:.2g}"
-        last = f"{area:.4g}{sure} at {row['mean_pressure']:.4g} Pa"
-        return f"<ContactResult of {self.method}: {loads}, contact area {last}>"
-
-    def _repr_html_(self) -> str:
-        return str(
-            self.table().to_html(float_format=lambda value: f"{value:.4g}", index=False)
+        area = f"{row['total_area']:.4g}"
+        if "total_area_error" in row:
+            area += f" ± {row['total_area_error']:.2g}"
+        loads = "1 load" if len(self.steps) == 1 else f"{len(self.steps)} loads"
+        return (
+            f"<ContactResult of {self.method}: {loads}, contact area {area} at "
+            f"{row['mean_pressure']:.4g} Pa>"
         )
 
-    def _answer(self) -> Any:
+    def _repr_html_(self) -> str:
+        """Return the table of loads for a notebook."""
+        table = self.table()
+        return str(table.to_html(float_format=lambda v: f"{v:.4g}", index=False))
+
+    def _without_cost(self) -> Any:
+        """Return the data of `to_json` without what differs between equal results."""
         return self.to_json() | {"cost": 0, "history": 0}
 
     def __eq__(self, other: object) -> bool:
-        """Whether both give the same answer to the same scene."""
+        """Return whether both hold the same numbers and fields for the same scene."""
         return (
             isinstance(other, ContactResult)
-            and self._answer() == other._answer()
+            and self._without_cost() == other._without_cost()
             and self.fields.keys() == other.fields.keys()
-            and all(
-                np.array_equal(f, other.fields[name]) for name, f in self.fields.items()
-            )
+            and all(np.array_equal(f, other.fields[n]) for n, f in self.fields.items())
         )
 
     def __hash__(self) -> int:
         return hash((self.method, self.provenance.scene, len(self.steps)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything except the fields in JSON types; infinities become
-        strings.
-        """
-        shown = {"method": self.method, "converged": self.converged} | vars(self.final)
-        names = ("steps", "distribution", "cost", "history", "notes", "provenance")
-        data: dict[str, Any] = plain(
-            shown | {name: getattr(self, name) for name in names}
-        )
-        return data
+        """Return all but the fields in JSON types; see `plain` for infinities."""
+        data = {"method": self.method, "converged": self.converged, **vars(self.final)}
+        for name in (
+            "steps",
+            "distribution",
+            "cost",
+            "history",
+            "notes",
+            "provenance",
+        ):
+            data[name] = getattr(self, name)
+        json_data: dict[str, Any] = plain(data)
+        return json_data
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ContactResult:
-        """Read back the data of `to_json`, without the fields.
+        """Return the result that `to_json` wrote, without fields.
 
         Raises:
             KeyError, TypeError, ValueError: `data` is not such a result.
@@ -326,7 +352,7 @@ class ContactResult:
         saved = data["distribution"]
         return cls(
             method=data["method"],
-            steps=tuple(map(_step, data["steps"])),
+            steps=tuple(_load_step(step) for step in data["steps"]),
             provenance=Provenance(**data["provenance"]),
             distribution=None if saved is None else PressureDistribution(**saved),
             cost=_numbers(data["cost"]),
@@ -336,25 +362,45 @@ class ContactResult:
         )
 
 
-def _step(data: Mapping[str, Any]) -> LoadStep:
+def _load_step(data: Mapping[str, Any]) -> LoadStep:
+    """Return a load step from its JSON data."""
+    areas = {kind: Areas(**_numbers(values)) for kind, values in data["areas"].items()}
     return LoadStep(
-        float(data["mean_pressure"]),
-        {name: Areas(**_numbers(areas)) for name, areas in data["areas"].items()},
-        _numbers(data["residuals"]),
-        _numbers(data["iterations"]),
-        _numbers(data["quantities"]),
+        mean_pressure=float(data["mean_pressure"]),
+        areas=areas,
+        residuals=_numbers(data["residuals"]),
+        iterations=_numbers(data["iterations"]),
+        quantities=_numbers(data["quantities"]),
     )
 
 
 def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        name: float(v) if isinstance(v, str) else +v for name, v in data.items()
-    }  # no lists
+    """Return numbers by name, with strings such as "inf" read as numbers.
+
+    Raises TypeError for other values, such as lists, which have no sign.
+    """
+    numbers = {}
+    for name, value in data.items():
+        numbers[name] = float(value) if isinstance(value, str) else +value
+    return numbers
+
+
+def _with_unit(column: str) -> str:
+    """Return the name of a column, or of its error, with the SI unit in words."""
+    unit = COLUMNS[column.partition("_error")[0]]
+    unit = unit.replace("1/", "per_").replace("/", "_per_")
+    unit = unit.replace("(", "").replace(")", "").replace(" ", "_")
+    return f"{column}_{unit}".rstrip("_")
 
 
 def plain(value: Any) -> Any:
-    """Return `value` in JSON types; a number that JSON cannot hold as "inf", "-inf" or
-    "nan".
+    """Return a value in JSON types.
+
+    Numbers that JSON cannot hold become "inf", "-inf" or "nan", paths become strings,
+    and dataclasses become objects of their fields.
+
+    Raises:
+        TypeError: The value, or one inside of it, has no such form.
     """
     if isinstance(value, float):  # first, because most values are such numbers
         return float(value) if math.isfinite(value) else str(float(value))
@@ -369,7 +415,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if not isinstance(value, Sequence) or isinstance(value, bytes):
-        raise TypeError(f"{value!r:.60} is nothing that JSON can hold")
-    # Most of a result is lists of finite numbers.
-    finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
-    return list(value) if finite else [plain(item) for item in value]
+        raise TypeError(f"{value!r:.60} cannot be written as JSON")
+    # Most of a result is lists of finite numbers, which are copied as they are.
+    is_finite = set(map(type, value)) == {float} and all(map(math.isfinite, value))
+    return list(value) if is_finite else [plain(item) for item in value]

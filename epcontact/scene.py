@@ -1,10 +1,10 @@
-"""The scene: one periodic rough surface, a material, a body and a load, frozen and
-checked once.
+"""The scene: one periodic rough surface, a material, a body and a load.
 
-This module holds everything that a method may know of the problem, and no part of any
-method, so that `fem_check` can import it and stay independent of the boundary-element
-solver.  All units are SI.  The parts of a scene come first, then the checks of heights,
-then those of any input.
+A scene is frozen, and its values are checked once, when it is created.  This module
+holds everything that a method may know of the problem, and no part of any method.
+`fem_check` can therefore import it and stay independent of the boundary-element solver.
+All units are SI.  The parts of a scene come first, then the checks of heights, then the
+checks of any input.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ BodyKind = Literal["half_space", "bonded_layer", "sliding_layer"]
 class SelfAffineSpectrum:
     """The power spectrum of isotropic self-affine roughness.
 
-    It is flat from `wavenumber_low` to `wavenumber_roll_off`, falls as a power law from
-    there to `wavenumber_high`, and is zero outside.  The power law is q^(-2(1+H)) on a
-    surface and q^(-(1+2H)) on a line.
+    The spectrum is constant from `wavenumber_low` to `wavenumber_roll_off`, falls as a
+    power law from there to `wavenumber_high`, and is zero outside.  The power law is
+    q^(-2(1+H)) on a surface and q^(-(1+2H)) on a line.
 
     Raises:
         InvalidScene: The wave numbers are not in order, or a value is out of its range.
@@ -48,23 +48,21 @@ class SelfAffineSpectrum:
     """
 
     hurst: float  #: The Hurst exponent H, from 0 to 1.
-    wavenumber_low: float  #: q_0 in rad/m.
-    wavenumber_roll_off: float  #: q_r in rad/m.
-    wavenumber_high: float  #: q_1 in rad/m.
-    rms_slope: float  #: xi in m/m.
+    wavenumber_low: float  #: The smallest wave number q_0, in rad/m.
+    wavenumber_roll_off: float  #: The wave number q_r where the fall begins, in rad/m.
+    wavenumber_high: float  #: The largest wave number q_1, in rad/m.
+    rms_slope: float  #: The root mean square of the gradient xi, in m/m.
 
     def __post_init__(self) -> None:
-        names = ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high")
-        low, roll_off, high = waves = [
-            positive(n, getattr(self, n), "rad/m") for n in names
-        ]
+        for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
+            set_frozen(self, **{name: positive(name, getattr(self, name), "rad/m")})
         slope = positive("rms_slope", self.rms_slope, "m/m")
-        hurst = number(
-            "hurst", self.hurst, "a number between 0 and 1", lambda v: 0 <= v <= 1
-        )
-        settle(
-            self, hurst=hurst, rms_slope=slope, **dict(zip(names, waves, strict=True))
-        )
+        expected = "a number between 0 and 1"
+        hurst = number("hurst", self.hurst, expected, lambda h: 0 <= h <= 1)
+        set_frozen(self, hurst=hurst, rms_slope=slope)
+        low = self.wavenumber_low
+        roll_off = self.wavenumber_roll_off
+        high = self.wavenumber_high
         _require(
             low <= roll_off <= high,
             "wavenumbers are out of order: wavenumber_low <= wavenumber_roll_off <= "
@@ -76,70 +74,69 @@ class SelfAffineSpectrum:
 class Surface:
     """One period of a rough surface on a regular grid.
 
-    The heights become a read-only array of float64; a writable one is copied.  The
-    class adds a note for an rms slope above 1, for heights in steps, for those of a
-    picture and for oblong cells, and warns of it by a `SurfaceWarning`.
+    The heights become a read-only array of float64; a writable array is copied.  An rms
+    slope above 1, heights in steps, heights of a picture and oblong cells each add a
+    note and cause a `SurfaceWarning`.
 
     Raises:
-        InvalidScene: The heights are not finite real numbers, or do not fit the
-            periods.
+        InvalidScene: The heights are not finite real numbers, do not fit the periods,
+            or a mask of filled heights does not fit the heights.
 
     Example:
         >>> Surface(np.zeros((4, 8)), periods=(1e-3, 2e-3)).spacing
         (0.00025, 0.00025)
     """
 
-    heights: FloatArray  #: (nx, ny), or (nx,) for a line, in m, measured upward.
-    periods: tuple[
-        float, ...
-    ]  #: (Lx, Ly) or (Lx,) in m, after which the heights repeat.
-    spectrum: SelfAffineSpectrum | None = (
-        None  #: That from which the heights were drawn.
-    )
-    seed: int | None = None  #: That of the random phases.
-    shortest_wavelength: float | None = (
-        None  #: That of the roughness in m, if it is known.
-    )
-    recipe: str = (
-        ""  #: Identifies generated heights in the scene's digest, not their bytes.
-    )
-    notes: tuple[str, ...] = ()  #: Sentences for the reader of a result.
-    #: By names of `results.COLUMNS`, shares that a map's treatment may change; areas:
-    #: of the total.
+    #: Heights of the grid points in m, measured upward: (nx, ny), or (nx,) for a line.
+    heights: FloatArray
+    #: Lengths in m after which the heights repeat: (Lx, Ly), or (Lx,) for a line.
+    periods: tuple[float, ...]
+    #: The analytic spectrum from which the heights were drawn, if there is one.
+    spectrum: SelfAffineSpectrum | None = None
+    #: The seed of the random phases, if there are any.
+    seed: int | None = None
+    #: The shortest wavelength of the roughness in m, if it is known.
+    shortest_wavelength: float | None = None
+    #: A text that identifies generated heights in the scene's digest, which need not
+    #: read their bytes then.
+    recipe: str = ""
+    #: Sentences for the reader of a result.
+    notes: tuple[str, ...] = ()
+    #: Relative errors that the treatment of a measured map may cause, by names of
+    #: `results.COLUMNS`.  The errors of areas are fractions of the total area.
     treatment_errors: Mapping[str, float] = field(default_factory=dict)
-    #: Where a height was filled or replaced, and not measured; None: nowhere.
+    #: Mask of the points whose heights were filled or replaced instead of measured;
+    #: None if there are no such points.
     filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         given = checked_heights(self.heights, "heights")
-        heights = np.ascontiguousarray(given, dtype=np.float64)
-        if heights.flags.writeable or heights.base is not None:
-            heights = heights.copy()
-            heights.flags.writeable = False
-        periods = tuple(positive("periods", p, "m") for p in listed(self.periods))
-        settle(self, heights=heights, periods=periods)
+        heights = _read_only(np.ascontiguousarray(given, dtype=np.float64))
+        periods = tuple(positive("periods", p, "m") for p in as_tuple(self.periods))
+        set_frozen(self, heights=heights, periods=periods)
         sizes = f"{len(periods)} lengths for heights of {heights.ndim} dimensions"
         _require(len(periods) == heights.ndim, f"periods has {sizes}")
         if self.spectrum is not None:
             require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         if self.shortest_wavelength is not None:
             shortest = positive("shortest_wavelength", self.shortest_wavelength, "m")
-            settle(self, shortest_wavelength=shortest)
+            set_frozen(self, shortest_wavelength=shortest)
         if self.seed is not None:
-            settle(self, seed=whole("seed", self.seed, 0))
-        require_known(heights, "heights")
-        settle(self, filled=_checked_mask(self.filled, heights.shape))
-        doubts = (*levels_note(given.dtype), *_doubts(self))
-        new = cautioned(tuple(note for note in doubts if note not in self.notes))
-        settle(self, notes=(*listed(self.notes), *new))
+            set_frozen(self, seed=integer("seed", self.seed, 0))
+        require_usable(heights, "heights")
+        set_frozen(self, filled=_checked_mask(self.filled, heights.shape))
+        warnings_now = [*levels_note(given.dtype), *_suspicions(self)]
+        new = tuple(note for note in warnings_now if note not in self.notes)
+        set_frozen(self, notes=(*as_tuple(self.notes), *warn_user(new)))
 
     def __eq__(self, other: object) -> bool:
-        """Whether both are the same heights over the same periods, drawn from the same
-        spectrum.
-        """
-        return self is other or (
+        """Return whether two surfaces have equal heights, periods and spectra."""
+        if self is other:
+            return True
+        return (
             isinstance(other, Surface)
-            and (self.periods, self.spectrum) == (other.periods, other.spectrum)
+            and self.periods == other.periods
+            and self.spectrum == other.spectrum
             and np.array_equal(self.heights, other.heights)
         )
 
@@ -147,21 +144,19 @@ class Surface:
         return hash((self.shape, self.periods))
 
     def __repr__(self) -> str:
-        points, sides = (
-            " x ".join(f"{n:.4g}" for n in of) for of in (self.shape, self.periods)
-        )
-        return (
-            f"<Surface of {points} points on {sides} m, rms slope {self.rms_slope:.3g}>"
-        )
+        points = " x ".join(str(n) for n in self.shape)
+        sides = " x ".join(f"{length:.4g}" for length in self.periods)
+        slope = f"rms slope {self.rms_slope:.3g}"
+        return f"<Surface of {points} points on {sides} m, {slope}>"
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
+        """Number of grid points along each direction."""
         return self.heights.shape
 
     @property
     def spacing(self) -> tuple[float, ...]:
-        """Grid spacing along each direction, in m."""
+        """Distance of neighbouring grid points along each direction, in m."""
         return tuple(p / n for p, n in zip(self.periods, self.shape, strict=True))
 
     @functools.cached_property
@@ -176,8 +171,10 @@ class Surface:
 
     @property
     def fingerprint(self) -> str:
-        """The text that identifies the heights: their recipe, or the hash of their
-        bytes and, if some were filled, of the mask of these.
+        """The text that identifies the heights in a digest.
+
+        It is the recipe.  Without a recipe it is the SHA-256 of the bytes of the
+        heights and, if some heights were filled, of the mask of these.
         """
         if self.recipe:
             return self.recipe
@@ -189,85 +186,80 @@ class Surface:
 
 @dataclass(frozen=True)
 class Material:
-    """The elastoplastic solid; the counterface is rigid.
+    """The elastoplastic solid.  The counterface is rigid.
 
-    The ratio of its two strengths is a result of the methods, not an input.
+    The ratio of hardness to yield stress is a result of the methods, not an input.
 
     Raises:
         InvalidScene: A value is out of its range.
     """
 
-    young_modulus: float  #: E in Pa.
-    poisson_ratio: float  #: nu, between -1 and 0.5.
-    hardness: float = math.inf  #: sigma_P in Pa, at which the contact flows.
-    yield_stress: float = math.inf  #: sigma_Y in Pa of the J2 solid.
+    young_modulus: float  #: Young's modulus E, in Pa.
+    poisson_ratio: float  #: Poisson's ratio nu, between -1 and 0.5.
+    hardness: float = (
+        math.inf
+    )  #: The contact pressure sigma_P at which it flows, in Pa.
+    yield_stress: float = math.inf  #: The yield stress sigma_Y of J2 flow, in Pa.
 
     def __post_init__(self) -> None:
-        right = "a number between -1 and 0.5, both excluded"
+        expected = "a number between -1 and 0.5, both excluded"
         ratio = number(
-            "poisson_ratio", self.poisson_ratio, right, lambda v: -1 < v < 0.5
+            "poisson_ratio", self.poisson_ratio, expected, lambda nu: -1 < nu < 0.5
         )
-        settle(self, poisson_ratio=ratio)
-        for name in ("young_modulus", "hardness", "yield_stress"):
-            value = positive(
-                name, getattr(self, name), "Pa", finite=name == "young_modulus"
-            )
-            settle(self, **{name: value})
+        modulus = positive("young_modulus", self.young_modulus, "Pa")
+        hardness = positive("hardness", self.hardness, "Pa", finite=False)
+        stress = positive("yield_stress", self.yield_stress, "Pa", finite=False)
+        set_frozen(self, poisson_ratio=ratio, young_modulus=modulus)
+        set_frozen(self, hardness=hardness, yield_stress=stress)
 
 
 @dataclass(frozen=True)
 class Body:
-    """The body under the surface: a half-space, or a layer that a rigid base holds or
-    lets slide.
+    """The body under the surface: a half-space, or a layer on a rigid base.
+
+    A bonded layer is fixed to the base, and a sliding one moves on it without friction.
 
     Raises:
-        InvalidScene: The kind is unknown, or the depth does not fit it.
+        InvalidScene: The kind is unknown, or the depth does not fit the kind.
     """
 
-    kind: BodyKind = "half_space"  #: A layer slides without friction.
-    depth: float = math.inf  #: Of a layer, in m.
+    kind: BodyKind = "half_space"  #: One of the words of `BodyKind`.
+    depth: float = math.inf  #: Depth of a layer in m; infinite for a half-space.
 
     def __post_init__(self) -> None:
         require_one_of("body kind", self.kind, BodyKind)
         if self.kind == "half_space":
-            number(
-                "depth",
-                self.depth,
-                "left out, as a half_space takes no depth",
-                math.isinf,
-            )
+            expected = "left out, as a half_space takes no depth"
+            number("depth", self.depth, expected, math.isinf)
         else:
-            settle(self, depth=positive("depth", self.depth, "m"))
+            set_frozen(self, depth=positive("depth", self.depth, "m"))
 
 
 @dataclass(frozen=True)
 class Load:
-    """The mean pressure in Pa (force over nominal area), or a path of mean pressures in
-    order.
+    """The mean pressure, or a path of mean pressures in order.
 
-    After the first pressure, a path may unload to zero.
+    A mean pressure is force over nominal area.  After the first pressure, a path may
+    unload to zero.
 
     Raises:
         InvalidScene: A pressure is not a positive number, or the path is empty.
     """
 
-    mean_pressure: float | tuple[float, ...]
+    mean_pressure: float | tuple[float, ...]  #: In Pa; a tuple once it is checked.
 
     def __post_init__(self) -> None:
-        given = listed(self.mean_pressure)
-        _require(
-            len(given) > 0, "mean_pressure is an empty path; give at least one pressure"
-        )
+        given = as_tuple(self.mean_pressure)
+        message = "mean_pressure is an empty path; give at least one pressure"
+        _require(len(given) > 0, message)
         first = positive("mean_pressure", given[0], "Pa")
-        right = "a positive number in Pa, or 0 after the first"
-        later = [number("mean_pressure", p, right, lambda v: v >= 0) for p in given[1:]]
-        path = (first, *(p and positive("mean_pressure", p, "Pa") for p in later))
-        settle(self, mean_pressure=path)
+        path = (first, *(_later_pressure(pressure) for pressure in given[1:]))
+        set_frozen(self, mean_pressure=path)
 
     @property
     def path(self) -> tuple[float, ...]:
         """The mean pressures in order, in Pa; a single one is a path of length one."""
-        return listed(self.mean_pressure)
+        return as_tuple(self.mean_pressure)
 
     @property
     def final(self) -> float:
@@ -280,13 +272,22 @@ class Load:
         return all(a <= b for a, b in itertools.pairwise(self.path))
 
 
+def _later_pressure(given: Any) -> float:
+    """Return a pressure after the first of a path in Pa: positive, or 0."""
+    expected = "a positive number in Pa, or 0 after the first"
+    pressure = number("mean_pressure", given, expected, lambda p: p >= 0)
+    if pressure == 0:
+        return pressure
+    return positive("mean_pressure", pressure, "Pa")
+
+
 @dataclass(frozen=True)
 class Scene:
-    """One contact problem.  A method maps it to a `ContactResult`.
+    """One contact problem.  A method is a function from a scene to a `ContactResult`.
 
     Raises:
-        InvalidScene: A mean pressure reaches the hardness, so that nothing carries the
-            load.
+        InvalidScene: A mean pressure reaches the hardness, so that no contact can carry
+            the load, or an argument is not an instance of its class.
 
     Example:
         >>> wave = np.cos(np.linspace(0, 2 * np.pi, 64, endpoint=False))
@@ -296,24 +297,30 @@ class Scene:
         1.0
     """
 
-    surface: Surface
-    material: Material
-    load: Load
-    body: Body = field(default_factory=Body)
+    surface: Surface  #: The heights of the rough body.
+    material: Material  #: The solid of the rough body.
+    load: Load  #: The mean pressures, in order.
+    body: Body = field(default_factory=Body)  #: What is under the surface.
 
     def __post_init__(self) -> None:
-        kinds = {"surface": Surface, "material": Material, "load": Load, "body": Body}
-        for name, kind in kinds.items():
-            require_kind(name, getattr(self, name), kind)
+        require_kind("surface", self.surface, Surface)
+        require_kind("material", self.material, Material)
+        require_kind("load", self.load, Load)
+        require_kind("body", self.body, Body)
         check_load(self.material, self.load)
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything the scene holds, as hexadecimal digits: its name in
-        results.
-        """
-        surface = (self.surface.fingerprint, self.surface.shape, self.surface.periods)
-        return scene_digest(*surface, self.material, self.body, self.load)
+        """The name of the scene in results: `scene_digest` of everything it holds."""
+        surface = self.surface
+        return scene_digest(
+            surface.fingerprint,
+            surface.shape,
+            surface.periods,
+            self.material,
+            self.body,
+            self.load,
+        )
 
 
 def scene_digest(
@@ -324,52 +331,60 @@ def scene_digest(
     body: Body,
     load: Load,
 ) -> str:
-    """Return the digest of a scene; its recipe gives the fingerprint before any heights
-    exist.
+    """Return the SHA-256 of everything that a scene holds, as hexadecimal digits.
+
+    A recipe gives the fingerprint, the shape and the periods (m) of its surface before
+    any heights exist; see `Surface.fingerprint`.
     """
-    lengths = [repr(float(p)) for p in periods]
     content: dict[str, Any] = {
         "surface": fingerprint,
         "shape": list(shape),
-        "periods": lengths,
+        "periods": [repr(float(period)) for period in periods],
     }
     for part in (material, body, load):
-        content[type(part).__name__] = {
-            name: repr(v) for name, v in asdict(part).items()
-        }
+        values = asdict(part).items()
+        content[type(part).__name__] = {name: repr(value) for name, value in values}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def check_load(material: Material, load: Load) -> None:
-    """Raise InvalidScene if a mean pressure reaches the hardness."""
-    worst, hardness = max(load.path), material.hardness
-    words = f"mean_pressure is {worst:g} Pa, but must stay below the hardness of {hardness:g} Pa"
-    _require(worst < hardness, words)
+    """Raise InvalidScene if a mean pressure of the path reaches the hardness."""
+    largest = max(load.path)
+    _require(
+        largest < material.hardness,
+        f"mean_pressure is {largest:g} Pa, but must stay below the hardness of "
+        f"{material.hardness:g} Pa",
+    )
 
 
 def check_loading(material: Material, load: Load) -> None:
-    """Raise InvalidScene if the path unloads a method that keeps no memory of plastic
-    flow.
+    """Check a load path for a method that cannot follow plastic flow when it unloads.
+
+    Raises:
+        InvalidScene: The path unloads a material of finite hardness, or falls to 0.
     """
     _require(
         load.non_decreasing or material.hardness == math.inf,
-        "mean_pressure decreases along the path, but this method keeps no memory of the plastic "
-        "flow; give a non-decreasing path, an infinite hardness or the method bem or fem",
+        "mean_pressure decreases along the path, but this method keeps no memory of "
+        "the plastic flow; give a non-decreasing path, an infinite hardness or the "
+        "method bem or fem",
     )
     _require(
         min(load.path) > 0,
-        "mean_pressure falls to 0 along the path, but this method needs a load; end the path above "
-        "0 or give the method bem or fem",
+        "mean_pressure falls to 0 along the path, but this method needs a load; end "
+        "the path above 0 or give the method bem or fem",
     )
 
 
-# --- heights
-# -------------------------------------------------------------------------------------
+# --- heights --------------------------------------------------------------------------
 
 
 def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
-    """Return the rms gradient of heights (nx, ny) or (nx,), from differences of
-    neighbours.
+    """Return the root mean square of the gradient in m/m, by differences of neighbours.
+
+    Args:
+        heights: (nx, ny) or (nx,), in m.
+        spacing: distance of neighbouring points along each direction, in m.
     """
     total = 0.0
     for axis, step in enumerate(spacing):
@@ -380,32 +395,81 @@ def rms_slope(heights: FloatArray, spacing: tuple[float, ...]) -> float:
 
 
 def checked_heights(given: ArrayLike, where: str) -> NDArray[Any]:
-    """Return heights as an array of real numbers on a line or grid, NaN where they are
-    masked.
+    """Return heights as an array of real numbers on a line or a grid.
+
+    Masked heights become NaN.  Other heights keep their type of number.
+
+    Args:
+        given: the heights, (nx, ny) or (nx,).
+        where: the name of the argument or file, with which a message begins.
+
+    Raises:
+        InvalidScene: They are not such an array of two points or more a direction.
     """
     try:
         heights = np.asanyarray(given)
     except ValueError:
-        raise InvalidScene(
-            f"{where}: rows of unequal length are no grid of heights"
-        ) from None
+        message = f"{where}: rows of unequal length are no grid of heights"
+        raise InvalidScene(message) from None
     if np.ma.is_masked(heights):
         heights = np.ma.filled(heights.astype(np.float64), np.nan)
     kind = "complex" if heights.dtype.kind == "c" else heights.dtype
-    real = heights.dtype.kind in "buif"
-    _require(real, f"{where}: holds {kind} values, but heights are real numbers")
+    _require(
+        heights.dtype.kind in "buif",
+        f"{where}: holds {kind} values, but heights are real numbers",
+    )
     _require(
         heights.ndim in (1, 2) and min(heights.shape) >= 2,
-        f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid (nx, ny) of "
-        "at least two points a direction",
+        f"{where}: has shape {heights.shape}, but heights are a line (nx,) or a grid "
+        "(nx, ny) of at least two points a direction",
     )
     return heights
+
+
+def require_usable(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
+    """Check that heights are numbers of a possible size.
+
+    Args:
+        heights: (nx, ny) or (nx,), NaN where a height is missing.
+        where: the name of the argument or file, with which a message begins.
+        missing: "refuse" if no height may be missing, else how they will be filled.
+
+    Raises:
+        InvalidScene: Heights are infinite, all are missing, some are missing and not to
+            be filled, or their size suggests a wrong unit.
+    """
+    low = float(heights.min())  # NaN if any height is: needs no temporary array
+    high = float(heights.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        infinite = int(np.count_nonzero(np.isinf(heights)))
+        count = f"{infinite} of {heights.size} heights are infinite"
+        _require(infinite == 0, f"{where}: {count}; mark missing ones by NaN")
+        absent = int(np.count_nonzero(np.isnan(heights)))
+        count = f"{where}: {absent} of {heights.size} heights are NaN or masked"
+        _require(absent < heights.size, count)
+        _require(
+            missing != "refuse",
+            f"{count}; crop them, or let them be filled: set missing to "
+            '"harmonic" or "nearest"',
+        )
+        low = float(np.nanmin(heights))
+        high = float(np.nanmax(heights))
+    span = high - low
+    largest = max(abs(low), abs(high))
+    _require(
+        largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit"
+    )
+    _require(
+        span == 0 or span >= SMALLEST,
+        f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their "
+        "unit",
+    )
 
 
 def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
     """Return the mask of filled heights, read-only; None if it marks no point.
 
-    Raises InvalidScene if it is no mask of the heights' shape.
+    Raises InvalidScene if it is not an array of booleans of the heights' shape.
     """
     if given is None:
         return None
@@ -415,222 +479,250 @@ def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | Non
         f"filled is an array of {mask.dtype} of shape {mask.shape}, but must be a mask "
         f"of true and false of the shape of the heights, {shape}",
     )
-    if not mask.any():
-        return None
-    if mask.flags.writeable or mask.base is not None:
-        mask = mask.copy()
-        mask.flags.writeable = False
-    return mask
+    return _read_only(mask) if mask.any() else None
 
 
-def require_known(heights: NDArray[Any], where: str, missing: str = "refuse") -> None:
-    """Raise InvalidScene if heights are no numbers, or are missing (NaN) and not
-    filled.
-    """
-    low, high = float(heights.min()), float(heights.max())  # without a temporary array
-    if not (math.isfinite(low) and math.isfinite(high)):
-        infinite, absent = (
-            int(np.count_nonzero(f(heights))) for f in (np.isinf, np.isnan)
-        )
-        found = f"{infinite} of {heights.size} heights are infinite"
-        _require(not infinite, f"{where}: {found}; mark missing ones by NaN")
-        told = f"{where}: {absent} of {heights.size} heights are NaN or masked"
-        _require(absent < heights.size, told)
-        fill = (
-            'crop them, or let them be filled: set missing to "harmonic" or "nearest"'
-        )
-        _require(missing != "refuse", f"{told}; {fill}")
-        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
-    span, largest = high - low, max(abs(low), abs(high))
-    _require(
-        largest <= LARGEST, f"{where}: heights reach {largest:.3g} m; check their unit"
-    )
-    few = f"{where}: heights span {span:.3g} m, less than {SMALLEST:g} m; check their unit"
-    _require(span == 0 or span >= SMALLEST, few)
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that nobody can write to: itself, or else a read-only copy."""
+    if array.flags.writeable or array.base is not None:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
 
 
-# --- doubts about heights
-# ------------------------------------------------------------------------
+# --- warnings about heights -----------------------------------------------------------
 
 
 def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
-    """Return a warning for heights of so few levels that they are more likely a
-    picture.
+    """Return a warning if heights of a type have so few levels as those of a picture.
+
+    The tuple holds one sentence for booleans and integers of 8 bits, and none for other
+    types of numbers.
     """
     if kind.kind not in "bui" or kind.itemsize > 1:
         return ()
-    words = "true and false" if kind.kind == "b" else "whole numbers of 8 bits"
+    levels = "true and false" if kind.kind == "b" else "whole numbers of 8 bits"
     return (
-        f"the heights are {words}, as in a picture: the contact sees their steps, and their unit "
-        "must be that of one level",
+        f"the heights are {levels}, as in a picture: the contact sees their steps, and "
+        "their unit must be that of one level",
     )
 
 
-def _doubts(surface: Surface) -> list[str]:
-    """Return a sentence for each sign that a surface is not what its maker means."""
-    slope = (
-        surface.spectrum.rms_slope
-        if surface.spectrum is not None
-        else surface.rms_slope
-    )
-    step = _coarse_step(surface.heights, change := slope * min(surface.spacing))
-    whose = "for these steps, but not for a smooth surface that was rounded"
-    if step < 1.1 * change:
-        whose = "neither for them nor for a smooth surface: smooth the heights or refine the grid"
-    if (
-        step <= change / 40
-    ):  # where the smooth surface is within its claims (`area_bank`)
-        whose = "for the smooth surface that was rounded, but not for its steps"
+def _suspicions(surface: Surface) -> list[str]:
+    """Return a sentence for each sign that a surface is not what its user means."""
+    slope = (surface.spectrum or surface).rms_slope
+    sentences = []
+    if slope > 1:
+        sentences.append(
+            f"the rms slope is {slope:.3g}, beyond the small slopes that the methods "
+            "assume; check that heights and periods are in m"
+        )
+    change = slope * min(surface.spacing)
+    step = _quantisation_step(surface.heights, change)
+    if step > 0:
+        if step <= change / 40:  # by `tests/laboratory/area_bank.py`
+            scope = "for the smooth surface that was rounded, but not for its steps"
+        elif step < 1.1 * change:
+            scope = "neither for them nor for a smooth surface: smooth the heights or "
+            scope += "refine the grid"
+        else:
+            scope = "for these steps, but not for a smooth surface that was rounded"
+        sentences.append(
+            f"the heights are in steps of {step:.3g} m, as a map of few bits is: "
+            f"claimed errors of areas hold {scope}"
+        )
     ratio = max(surface.spacing) / min(surface.spacing)
-    signs = {
-        f"the rms slope is {slope:.3g}, beyond the small slopes that the methods assume; check "
-        "that heights and periods are in m": slope > 1,
-        f"the heights are in steps of {step:.3g} m, as a map of few bits is: "
-        f"claimed errors of areas hold {whose}": step > 0,
-        f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas and their "
-        "claimed errors hold up to 2; take points at like distances in both directions": (
-            ratio > 2 * (1 + 1e-9)
-        ),
-    }
-    return [sentence for sentence, doubtful in signs.items() if doubtful]
+    if ratio > 2 * (1 + 1e-9):
+        sentences.append(
+            f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas "
+            "and their claimed errors hold up to 2; take points at like distances in "
+            "both directions"
+        )
+    return sentences
 
 
-def _coarse_step(heights: FloatArray, change: float) -> float:
-    """Return the step of heights that are its multiples and bend at most points or
-    wherever they change, or 0; change: the rms change from point to point, below a
-    hundredth of which steps are within the claims of areas.  A corner of the grid shows
-    it.
+def _quantisation_step(heights: FloatArray, change: float) -> float:
+    """Return the step of which all heights are multiples, in m; 0 if there is none.
+
+    The heights must also bend at most points, or at every point where they change, as
+    rounded heights do; smooth heights that happen to be multiples do not.  A corner of
+    100 x 100 points of the grid is enough to see it.
+
+    Args:
+        heights: (nx, ny) or (nx,), in m.
+        change: rms change of the height from one point to the next, in m.  Steps below
+            a hundredth of it count as 0, because error estimates of areas allow for
+            them.
     """
     corner = heights[tuple(slice(100) for _ in heights.shape)]
     levels = np.unique(corner)
-    if (
-        levels.size < 3
-        or corner.size < 16
-        or (step := np.diff(levels).min()) < change / 100
-    ):
+    if levels.size < 3 or corner.size < 16:
+        return 0.0
+    step = float(np.diff(levels).min())
+    if step < change / 100:
         return 0.0
     multiples = (levels - levels[0]) / step
-    uneven = np.max(np.abs(multiples - np.round(multiples))) > 1e-3
-    axes = [axis for axis, n in enumerate(corner.shape) if n > 2]
-    rises, bends = ([np.diff(corner, order, axis) for axis in axes] for order in (1, 2))
-    bends = [found - np.median(found) for found in bends]  # a parabola's are alike
-    steep, bent = (
-        np.mean([np.mean(abs(a) > step / 2) for a in b]) for b in (rises, bends)
-    )
-    return 0.0 if uneven or bent < min(steep, 1 / 4) else float(step)
+    if np.max(np.abs(multiples - np.round(multiples))) > 1e-3:
+        return 0.0
+    rising = []
+    bending = []
+    for axis, points in enumerate(corner.shape):
+        if points > 2:
+            rise = np.diff(corner, 1, axis)
+            bend = np.diff(corner, 2, axis)
+            bend -= np.median(bend)  # a parabola bends alike everywhere
+            rising.append(np.mean(abs(rise) > step / 2))
+            bending.append(np.mean(abs(bend) > step / 2))
+    smooth = np.mean(bending) < min(np.mean(rising), 1 / 4)
+    return 0.0 if smooth else step
 
 
-def cautioned(notes: tuple[str, ...]) -> tuple[str, ...]:
-    """Warn the user's line that makes a surface (not the package's) of each note;
-    return them.
+#: Modules that create surfaces for others: not where a user's surface comes from.
+_CREATORS = ("epcontact.scene", "epcontact.surfaces", "dataclasses")
+
+
+def warn_user(notes: tuple[str, ...]) -> tuple[str, ...]:
+    """Issue a SurfaceWarning for each note, and return the notes.
+
+    Python shows the line of the user's program that creates the surface.  There is no
+    warning if the package itself creates the surface, whose notes are in the result.
     """
-    level, makers = 1, ("epcontact.scene", "epcontact.surfaces", "dataclasses")
-    while (name := sys._getframe(level).f_globals.get("__name__", "")).startswith(
-        makers
-    ):
+    level = 1
+    while _module_at(level).startswith(_CREATORS):
         level += 1
-    for note in notes if not name.startswith(("epcontact.", "fem_check.")) else ():
-        warnings.warn(note, SurfaceWarning, stacklevel=level + 1)
+    if not _module_at(level).startswith(("epcontact.", "fem_check.")):
+        for note in notes:
+            warnings.warn(note, SurfaceWarning, stacklevel=level + 1)
     return notes
 
 
-# --- inputs
-# --------------------------------------------------------------------------------------
+def _module_at(level: int) -> str:
+    """Return the name of the module so many calls above the function that asks."""
+    name: str = sys._getframe(level + 1).f_globals.get("__name__", "")
+    return name
 
-#: Lengths, pressures and wave numbers in SI units.  Their products and squares, which
-#: the methods form, neither overflow nor underflow: all answers keep their digits at
-#: both ends of the range.
+
+# --- inputs ---------------------------------------------------------------------------
+
+#: Bounds of lengths, pressures and wave numbers in SI units.  Their products and
+#: squares, which the methods form, neither overflow nor underflow between these bounds.
 SMALLEST, LARGEST = 1e-40, 1e40
 
 
 def _require(condition: bool, message: str) -> None:
+    """Raise InvalidScene with a message unless a condition holds."""
     if not condition:
         raise InvalidScene(message)
 
 
-def number(name: str, given: Any, right: str, good: Callable[[float], bool]) -> float:
-    """Return a number of Python or numpy as a float, for every input of the package
-    that is one. Raises InvalidScene, that `name` must be `right`, if it is no real
-    number or is not `good`.
+def number(
+    name: str, given: Any, expected: str, accepts: Callable[[float], bool]
+) -> float:
+    """Return a real number of Python or numpy as a float.
+
+    Every number that a user gives to the package goes through this function.
+
+    Args:
+        name: what the number is called in messages.
+        given: what the user gave.
+        expected: what the number must be, in words that end the message.
+        accepts: whether a float is such a number; it is called with NaN for anything
+            that is no real number.
+
+    Raises:
+        InvalidScene: `accepts` returns false.
     """
-    plain = (
-        given.item()
-        if isinstance(given, np.generic | np.ndarray) and not given.ndim
-        else given
-    )
+    plain = given
+    if isinstance(given, np.generic | np.ndarray) and given.ndim == 0:
+        plain = given.item()
     value = math.nan
     if not isinstance(plain, bool) and isinstance(plain, Real):
-        with contextlib.suppress(
-            OverflowError
-        ):  # a whole number of Python has no limit
+        with contextlib.suppress(OverflowError):  # an int of Python has no limit
             value = float(plain)
-    _require(good(value), f"{name} is {plain!r:.60}, but must be {right}")
+    _require(accepts(value), f"{name} is {plain!r:.60}, but must be {expected}")
     return value
 
 
 def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
-    """Return a positive number whose products are numbers; see `number`."""
-    right = f"a positive number in {unit}"
-    value = number(name, given, right, lambda v: v > 0 and (v < math.inf or not finite))
+    """Return a positive number as a float.
+
+    Args:
+        name: what the number is called in messages.
+        given: what the user gave.
+        unit: its unit, for messages.
+        finite: whether infinity is refused.
+
+    Raises:
+        InvalidScene: It is no such number, or not between SMALLEST and LARGEST.
+    """
+    expected = f"a positive number in {unit}"
+    value = number(
+        name, given, expected, lambda v: v > 0 and (v < math.inf or not finite)
+    )
     _require(
         SMALLEST <= value <= LARGEST or value == math.inf,
-        f"{name} is {value:g} {unit}, but must lie between {SMALLEST:g} and {LARGEST:g}, where "
-        "products neither overflow nor vanish",
+        f"{name} is {value:g} {unit}, but must lie between {SMALLEST:g} and "
+        f"{LARGEST:g}, where products neither overflow nor vanish",
     )
     return value
 
 
-def share(name: str, given: Any) -> float:
-    """Return a number between 0 and 1, both excluded, as a tolerance is; see
-    `number`.
+def fraction(name: str, given: Any) -> float:
+    """Return a number between 0 and 1 as a float, such as a tolerance.
+
+    Raises InvalidScene, with the name of the number, if it is not above 0 and below 1.
     """
-    return number(
-        name, given, "a number between 0 and 1, both excluded", lambda v: 0 < v < 1
-    )
+    expected = "a number between 0 and 1, both excluded"
+    return number(name, given, expected, lambda v: 0 < v < 1)
 
 
-def whole(name: str, given: Any, least: int) -> int:
-    """Return a whole number of at least `least` as an int; see `number`."""
-    right = f"a whole number of at least {least}"
-    number(name, given, right, lambda v: v >= least and v.is_integer())
+def integer(name: str, given: Any, least: int) -> int:
+    """Return a whole number, such as 3 or 3.0, as an int.
+
+    Raises InvalidScene, with the name of the number, if it is below `least` or not
+    whole.
+    """
+    expected = f"a whole number of at least {least}"
+    number(name, given, expected, lambda v: v >= least and v.is_integer())
     return int(given)
 
 
 def array(name: str, given: Any) -> FloatArray:
-    """Return an array of 64-bit floats, in this machine's byte order.  Raises
-    InvalidScene.
+    """Return an array of 64-bit floats in the byte order of this machine.
+
+    Raises InvalidScene, with the name of the array, if it does not hold real numbers.
     """
     with contextlib.suppress(TypeError, ValueError):
-        if (values := np.asarray(given)).dtype.kind != "c":
+        values = np.asarray(given)
+        if values.dtype.kind != "c":
             return values.astype(np.float64, copy=False)
     raise InvalidScene(f"{name} is {given!r:.60}, but must be an array of real numbers")
 
 
-def listed(given: Any) -> tuple[Any, ...]:
-    """Return one value, or several in any sequence, as a tuple."""
+def as_tuple(given: Any) -> tuple[Any, ...]:
+    """Return the items of a sequence as a tuple; a single value or text is one item."""
+    if isinstance(given, str | bytes):
+        return (given,)
     try:
-        return (given,) if isinstance(given, str | bytes) else tuple(given)
+        return tuple(given)
     except TypeError:
         return (given,)
 
 
 def require_kind(name: str, given: Any, kind: type) -> None:
-    """Raise InvalidScene unless an input is an instance of a class of the package."""
-    _require(
-        isinstance(given, kind),
-        f"{name} is {given!r:.60}, but must be a {kind.__name__}",
-    )
+    """Raise InvalidScene if an input, called `name`, is not an instance of a class."""
+    message = f"{name} is {given!r:.60}, but must be a {kind.__name__}"
+    _require(isinstance(given, kind), message)
 
 
 def require_one_of(name: str, given: Any, words: Any) -> None:
-    """Raise InvalidScene unless an input is one of the words of a Literal type."""
-    known = get_args(words)
-    _require(
-        given in known, f"{name} is {given!r}, but must be one of {', '.join(known)}"
-    )
+    """Raise InvalidScene if an input, called `name`, is no word of a Literal type."""
+    choices = get_args(words)
+    message = f"{name} is {given!r}, but must be one of {', '.join(choices)}"
+    _require(given in choices, message)
 
 
-def settle(frozen: Any, **checked: Any) -> None:
-    """Set fields of a frozen dataclass to their checked values."""
-    for name, value in checked.items():
-        object.__setattr__(frozen, name, value)
+def set_frozen(instance: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass, which its `__post_init__` has checked."""
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)

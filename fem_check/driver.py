@@ -18,7 +18,7 @@ from epcontact.errors import InvalidScene, NotConverged
 from epcontact.files import write_collection
 from epcontact.machine import available_cores, forget_peak
 from epcontact.results import ContactResult, FloatArray
-from epcontact.scene import Scene, require_kind, whole
+from epcontact.scene import Scene, integer, require_kind
 from fem_check import plasticity
 from fem_check.element import CORNERS
 from fem_check.linear_solver import factorise
@@ -192,7 +192,7 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
     )
     flat = flat_elements(block)
     workers = Workers(
-        available_cores() if threads is None else whole("threads", threads, 1)
+        available_cores() if threads is None else integer("threads", threads, 1)
     )
     heights, tilt = scene.surface.heights.reshape(block.shape), None
     if options.geometry == "punch":

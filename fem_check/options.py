@@ -9,7 +9,15 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Scene, listed, number, positive, settle, share, whole
+from epcontact.scene import (
+    Scene,
+    as_tuple,
+    fraction,
+    integer,
+    number,
+    positive,
+    set_frozen,
+)
 
 LawName = Literal["elastic", "capped", "j2"]
 Geometry = Literal["gap", "moved", "punch"]
@@ -21,7 +29,7 @@ def _option(default: Any, description: str, **bounds: float) -> Any:
 
 
 _hardening = partial(
-    number, right="0 or positive, in Pa", good=lambda value: 0 <= value < math.inf
+    number, expected="0 or positive, in Pa", accepts=lambda value: 0 <= value < math.inf
 )
 
 
@@ -80,20 +88,20 @@ class FemOptions:
             if (value := getattr(self, name)) not in kinds:
                 wanted = ", ".join(kinds[:-1]) + f" or {kinds[-1]}"
                 raise InvalidScene(f"{name} is {value!r}, but must be {wanted}")
-        length, count = partial(positive, unit="m"), partial(whole, least=1)
+        length, count = partial(positive, unit="m"), partial(integer, least=1)
         checks: dict[str, Any] = {
             "depth": length,
             "first_layer": length,
             "layers": count,
             "steps": count,
-            "tolerance": share,
+            "tolerance": fraction,
             "approach": _approaches,
             "hardening": _hardening,
         }
         for name, check in checks.items():
             value = getattr(self, name)
             if value is not None or getattr(FemOptions, name) is not None:
-                settle(self, **{name: check(name, value)})
+                set_frozen(self, **{name: check(name, value)})
 
     def require_strengths(self, scene: Scene) -> None:
         """Raise InvalidScene if the scene's material lacks the strength that the law
@@ -107,6 +115,6 @@ class FemOptions:
 
 
 def _approaches(name: str, given: Any) -> tuple[float, ...]:
-    if not (lengths := listed(given)):
+    if not (lengths := as_tuple(given)):
         raise InvalidScene(f"{name} is (), but must be at least one length in m")
     return tuple(positive(name, length, "m") for length in lengths)

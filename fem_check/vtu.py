@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.files import step_name, whole_file
+from epcontact.files import atomic_write, step_name
 from epcontact.results import FloatArray, package_versions
 from epcontact.scene import Scene
 from fem_check import plasticity
@@ -158,7 +158,7 @@ def write_step(
     }
     body = mesh_of(problem, point.state, history)
     for mesh, end in zip((body, _top_of(body, problem, point)), ENDS, strict=True):
-        with whole_file(folder / step_name(number, end)) as temporary:
+        with atomic_write(folder / step_name(number, end)) as temporary:
             _write_grid(mesh, told, str(temporary))
 
 

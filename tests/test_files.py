@@ -62,10 +62,10 @@ def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path):
 
 
 def stopped_by(error, name="x"):
-    """A block of `whole_file` that ends in an error, in a folder."""
+    """A block of `atomic_write` that ends in an error, in a folder."""
 
     def write(here):
-        with files.whole_file(here / name) as temporary:
+        with files.atomic_write(here / name) as temporary:
             assert (temporary.suffix, temporary.parent) == (Path(name).suffix, here)
             temporary.write_bytes(b"half")
             raise error
@@ -74,7 +74,7 @@ def stopped_by(error, name="x"):
 
 
 def removing(here):
-    with files.whole_file(here / "x") as temporary:
+    with files.atomic_write(here / "x") as temporary:
         temporary.unlink()
 
 
@@ -185,14 +185,14 @@ def test_importing_the_package_loads_no_heavy_library():
 def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
     folder = tmp_path / "bearing-area" / "fast"
     program = (
-        "import sys; from epcontact.files import whole_file\n"
-        "with whole_file(sys.argv[1]) as path: print(path.name, flush=True); sys.stdin.read()"
+        "import sys; from epcontact.files import atomic_write\n"
+        "with atomic_write(sys.argv[1]) as path: print(path.name, flush=True); sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, folder / "steps" / "x.vti"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with (
         subprocess.Popen(command, **pipes) as process,
-        files.whole_file(folder / "mine") as mine,
+        files.atomic_write(folder / "mine") as mine,
     ):
         name = process.stdout.readline().strip()
         assert name.startswith(f".epcontact-{platform.node()}-{process.pid}-")

@@ -1,15 +1,15 @@
-"""Boundary elements on a periodic grid: rough contact with the pressure capped at the
-hardness.
+"""Boundary elements on a periodic grid: rough contact with the pressure capped.
 
 `solve` solves a scene; `solve_pressure` does the same on plain arrays.  The modules, in
 the order in which a scene passes through them:
 
-    driver      scene -> problem (GridProblem, Options)  -> result
+    driver      scene -> problem (GridProblem, Options) -> result
+    flow        plastic flow, with which a load meets the next one of its path
     solver      solves on coarse grids first; each grid is a level
-    newton      the Newton method (with bounds); baselines has classic methods
-    inner/      the linear problem of a step: conjugate gradients, operators, preconditioner
-    transforms  convolutions with the compliance (kernel), in blocks on threads (workers)
-    areas/      contact areas in the continuum limit (the rim correction), pressure distributions
+    newton      the Newton method, with bounds; baselines has classic methods
+    inner/      the linear problem of a step: operators, preconditioner
+    transforms  convolutions with the compliance (kernel), on threads (workers)
+    areas/      contact areas in the continuum limit, pressure distributions
 """
 
 from __future__ import annotations
@@ -33,12 +33,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name at its first use: `import epcontact.bem` loads no
-    compiler.
-    """
+    """Import a public name at its first use, so that the package loads no compiler."""
     if name not in __all__:
         raise AttributeError(f"module 'epcontact.bem' has no attribute {name!r}")
     homes = {"solve": "driver", "solve_pressure": "solver"}
-    return getattr(
-        importlib.import_module(f"epcontact.bem.{homes.get(name, 'problem')}"), name
-    )
+    module = importlib.import_module(f"epcontact.bem.{homes.get(name, 'problem')}")
+    return getattr(module, name)

@@ -1,9 +1,12 @@
 """Move a pressure into its bounds 0 <= p <= cap and keep its mean.
 
 `project` finds the nearest feasible pressure.  `put` writes the result of a Newton step
-and restores, cell by cell, the force that the bounds cut off.  A projected gradient
-step is p <- P(p - lambda (u - h)), P the projection, lambda the spectral length of
-Barzilai and Borwein, with an exact line search: the energy along it is a parabola.
+and restores, cell by cell, the force that the bounds cut off.  `gradient_step` is a
+projected gradient step p <- P(p - lambda (u - h)), with P the projection and lambda the
+spectral length of Barzilai and Borwein.  Its line search is exact, because the energy
+along the step is a parabola.
+
+Pressures are in units of the mean pressure, heights and displacements in m.
 """
 
 from __future__ import annotations
@@ -18,10 +21,10 @@ from epcontact.bem.transforms import BLOCK_POINTS, Points
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-# To restore the force, a point moves by at most this share of its distance to its
+# To restore the force, a point moves by at most this fraction of its distance to its
 # bounds, so that it reaches neither.  The numbers of transform pairs with 0.5 to 0.999
 # agree to 0.4 %.
-_LARGEST_SHARE = 0.9
+_LARGEST_FRACTION = 0.9
 
 
 def project(
@@ -31,33 +34,48 @@ def project(
     workers: Workers | None = None,
     out: FloatArray | None = None,
 ) -> FloatArray:
-    """clip(w + z, 0, cap), the p nearest to w with 0 <= p <= cap and sum(p) = total.
-    The sum is piecewise linear and increasing in z; Newton steps within a bracket find
-    z.  The result is written to `out`, which may be w itself.
+    """Return the pressure nearest to `w` with 0 <= p <= cap and the sum `total`.
+
+    That pressure is clip(w + z, 0, cap) for one number z.  Its sum is piecewise linear
+    and increasing in z; Newton steps within a bracket find z.
+
+    Args:
+        w: field of any shape.
+        cap: upper bound of the pressure; may be infinite.
+        total: sum of the result over all points.
+        workers: threads of the passes; None: this thread alone.
+        out: array of the shape of w for the result, may be w itself; None: a new array.
     """
-    workers, parts = workers or Workers(), ranges(w.size, BLOCK_POINTS)
+    workers = workers or Workers()
+    parts = ranges(w.size, BLOCK_POINTS)
     blocks = split(w.reshape(-1), parts)
-    extremes = workers.each(
-        lambda block: (float(block.min()), float(block.max())), blocks
-    )
+    extremes = workers.each(smallest_and_largest, blocks)
+    highest_sum_at = cap if np.isfinite(cap) else total
     low = -max(largest for _, largest in extremes)
-    high = (cap if np.isfinite(cap) else total) - min(
-        smallest for smallest, _ in extremes
-    )
+    high = highest_sum_at - min(smallest for smallest, _ in extremes)
     z = min(max(0.0, low), high)
     for _ in range(200):
         summed, inside = workers.total(clipped_sum, blocks, z, cap)
         excess = summed - total
-        low, high = (low, z) if excess > 0 else (z, high)
+        if excess > 0:
+            high = z
+        else:
+            low = z
         following = z - excess / inside if inside else low
         if not low < following < high:
             following = (low + high) / 2
         if abs(excess) <= 1e-15 * total or following == z:
             break
         z = following
-    out = np.empty_like(w) if out is None else out
+    if out is None:
+        out = np.empty_like(w)
     workers.each(shift_clip, blocks, z, cap, split(out.reshape(-1), parts))
     return out
+
+
+def smallest_and_largest(block: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest value of an array."""
+    return float(block.min()), float(block.max())
 
 
 def put(
@@ -68,103 +86,132 @@ def put(
     pressure: FloatArray,
     x: FloatArray,
 ) -> None:
-    """Write pressure + x at the points of p, move it into the bounds and restore its
-    force.  If all points shared the force that the bounds cut off equally, a long-wave
+    """Write pressure + x at the points of p, within the bounds, and keep the force.
+
+    If all points shared the force that the bounds cut off equally, a long-wave
     imbalance, whose displacement is large, would be left, and steps would overshoot.
-    So each cell keeps its force if its points can carry it, and otherwise the rest goes
-    to as small a block of cells as can.
+    So each cell keeps its force if its points can carry it.  Otherwise the rest goes to
+    the smallest block of cells around it that can carry it.
+
+    Args:
+        level: the grid, with the cap of the pressure.
+        p: (nx, ny) pressure; its values at the points are overwritten.
+        points: the elastic points.
+        cells: the cells of these points.
+        pressure: (points,) pressures before the step.
+        x: (points,) step, of zero mean.
     """
-    flat, cap, target = p.reshape(-1), level.cap, float(pressure.sum())
+    flat = p.reshape(-1)
+    cap = level.cap
+    target = float(pressure.sum())
     index, pressures, steps = points.split(points.index, pressure, x)
     missing, weight = cells.sums(put_clipped, 2, flat, index, pressures, steps, cap)
     factor = np.zeros(missing.size)
-    forces = [sums.reshape(cells.shape) for sums in (missing, weight, factor)]
-    share_forces(*forces, 1e-12 * float(np.abs(missing).max()))
-    carried, weight = level.workers.total(
+    share_forces(
+        missing.reshape(cells.shape),
+        weight.reshape(cells.shape),
+        factor.reshape(cells.shape),
+        1e-12 * float(np.abs(missing).max()),
+    )
+    workers = level.workers
+    carried, able = workers.total(
         spread, flat, index, cells.numbers, cells.split(factor), cap
     )
-    left = target - carried
-    if abs(left) < _LARGEST_SHARE * weight:
-        factor = np.full(factor.shape, left / weight)
-        level.workers.each(spread, flat, index, cells.numbers, cells.split(factor), cap)
+    rest = target - carried
+    if abs(rest) < _LARGEST_FRACTION * able:
+        factor = np.full(factor.shape, rest / able)
+        workers.each(spread, flat, index, cells.numbers, cells.split(factor), cap)
     else:
         flat[points.index] = project(pressure + x, cap, target)
 
 
-def gradient_step(level: Level, it: Iterate, length: float) -> float:
-    """Take one projected gradient step with exact line search; returns the next
-    length.
+def gradient_step(level: Level, iterate: Iterate, length: float) -> float:
+    """Take one projected gradient step with exact line search; return the next length.
+
+    The iterate's pressure and displacement are replaced by new arrays.  Lengths are in
+    mean pressures per m of gap.
     """
-    p_old, u_old = it.p, it.u
+    p_old = iterate.p
+    u_old = iterate.u
     w = u_old - level.heights
     w *= -length
     w += p_old
-    it.p = project(w, level.cap, float(w.size), level.workers, out=w)
-    it.u = np.empty_like(u_old)
-    level.convolution.apply(it.p, it.u)
-    it.gradient += 1
-    p, u, h, *old = (a.reshape(-1) for a in (it.p, it.u, level.heights, p_old, u_old))
-    slope, curvature, square = descent_products(p, u, h, *old)
+    iterate.p = project(w, level.cap, float(w.size), level.workers, out=w)
+    iterate.u = np.empty_like(u_old)
+    level.convolution.apply(iterate.p, iterate.u)
+    iterate.gradient += 1
+    p = iterate.p.reshape(-1)
+    u = iterate.u.reshape(-1)
+    h = level.heights.reshape(-1)
+    before = (p_old.reshape(-1), u_old.reshape(-1))
+    slope, curvature, square = descent_products(p, u, h, *before)
     if curvature <= 0:
         return level.step
-    if (t := min(1.0, max(0.0, -slope / curvature))) < 1:
-        blend(p, u, *old, t)
+    fraction = min(1.0, max(0.0, -slope / curvature))
+    if fraction < 1:
+        blend(p, u, *before, fraction)
     return float(square / curvature)
 
 
 @compiled
-def share_forces(left: Any, weight: Any, share: Any, rounding: float) -> None:
-    """The shares, by cell, that restore the forces `left` as near to it as possible.
-    Each share times its weight is a force, and no share is beyond _LARGEST_SHARE.
+def share_forces(missing: Any, weight: Any, factor: Any, rounding: float) -> None:
+    """Find the factors, by cell, that restore the missing forces in place.
+
+    A cell carries factor times weight, and no factor is beyond _LARGEST_FRACTION.
     Cells that cannot carry their force pass the rest to blocks of 2 x 2, 4 x 4, ...
-    cells, until no more than `rounding` is left.
+    cells, until no more than `rounding` is missing.  All arrays are (mx, my); `missing`
+    and `factor` are overwritten.
     """
-    mx, my = left.shape
-    side, worst = 1, np.inf
+    mx, my = missing.shape
+    side = 1
+    worst = np.inf
     while worst > rounding and side < 2 * max(mx, my):
         worst = 0.0
         for i in range(0, mx, side):
             for j in range(0, my, side):
                 block = i, min(i + side, mx), j, min(j + side, my)
-                worst = max(worst, share_block(left, weight, share, block))
+                worst = max(worst, share_block(missing, weight, factor, block))
         side *= 2
 
 
 @compiled
 def share_block(
-    left: Any, weight: Any, share: Any, block: tuple[int, int, int, int]
+    missing: Any, weight: Any, factor: Any, block: tuple[int, int, int, int]
 ) -> float:
-    """Restore the forces of a block by equal parts of what its cells can carry.
+    """Restore the force of a block of cells by equal parts of what each can carry.
 
     block: its first cell and the one behind its last, along x and along y.  Returns the
-    largest force that is left.
+    largest force that a cell still misses.
     """
     first, last, begin, end = block
-    wanted = able = worst = 0.0
+    wanted = 0.0
     for i in range(first, last):
         for j in range(begin, end):
-            wanted += left[i, j]
+            wanted += missing[i, j]
     sign = 1.0 if wanted >= 0.0 else -1.0
+    able = 0.0
     for i in range(first, last):
         for j in range(begin, end):
-            able += (_LARGEST_SHARE - sign * share[i, j]) * weight[i, j]
-    part = min(max(wanted / able, -1.0), 1.0) if able > 0.0 else 0.0
+            able += (_LARGEST_FRACTION - sign * factor[i, j]) * weight[i, j]
+    part = 0.0
+    if able > 0.0:
+        part = min(max(wanted / able, -1.0), 1.0)
+    worst = 0.0
     for i in range(first, last):
         for j in range(begin, end):
             if weight[i, j] > 0.0:
-                step = part * (_LARGEST_SHARE - sign * share[i, j])
-                share[i, j] += step
-                left[i, j] -= step * weight[i, j]
-            worst = max(worst, abs(left[i, j]))
+                step = part * (_LARGEST_FRACTION - sign * factor[i, j])
+                factor[i, j] += step
+                missing[i, j] -= step * weight[i, j]
+            worst = max(worst, abs(missing[i, j]))
     return worst
 
 
 @compiled
 def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
-    """Sum of clip(w + z, 0, cap), and the number of points strictly between the
-    bounds.
-    """
-    total, inside = 0.0, 0
+    """Return the sum of clip(w + z, 0, cap) and the number of points between bounds."""
+    total = 0.0
+    inside = 0
     for i in range(w.size):
         value = w[i] + z
         if value >= cap:
@@ -177,7 +224,7 @@ def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
 
 @compiled
 def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
-    """out = clip(w + z, 0, cap)."""
+    """Write clip(w + z, 0, cap) to `out`."""
     for i in range(w.size):
         out[i] = min(max(w[i] + z, 0.0), cap)
 
@@ -186,8 +233,9 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 def put_clipped(
     cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
 ) -> None:
-    """p = clip(pressure + x, 0, cap) at the points; sums: by cell what is cut, p (1 -
-    p/cap).
+    """Write clip(pressure + x, 0, cap) to p at the points, and sum by cell.
+
+    sums[0] is the pressure that is cut off, sums[1] is p (1 - p/cap).
     """
     sums[:] = 0.0
     for k in range(index.size):
@@ -202,8 +250,9 @@ def put_clipped(
 def spread(
     p: Any, index: Any, cell: Any, factor: Any, cap: float
 ) -> tuple[float, float]:
-    """p += factor[cell] p (1 - p/cap) at the points; returns the sums of p and p (1 -
-    p/cap).
+    """Add factor[cell] p (1 - p/cap) to p at the points.
+
+    Returns the sums of the new p and of p (1 - p/cap).
     """
     total = weight = 0.0
     for k in range(index.size):
@@ -219,7 +268,7 @@ def spread(
 def descent_products(
     p: Any, u: Any, h: Any, p_old: Any, u_old: Any
 ) -> tuple[float, float, float]:
-    """(u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
+    """Return (u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
     slope = curvature = square = 0.0
     for i in range(p.size):
         d = p[i] - p_old[i]
@@ -230,8 +279,8 @@ def descent_products(
 
 
 @compiled
-def blend(p: Any, u: Any, p_old: Any, u_old: Any, t: float) -> None:
-    """Move p and u back to the fraction t of the way from the old to the new."""
+def blend(p: Any, u: Any, p_old: Any, u_old: Any, fraction: float) -> None:
+    """Move p and u to a fraction of the way from the old to the new, in place."""
     for i in range(p.size):
-        p[i] = p_old[i] + t * (p[i] - p_old[i])
-        u[i] = u_old[i] + t * (u[i] - u_old[i])
+        p[i] = p_old[i] + fraction * (p[i] - p_old[i])
+        u[i] = u_old[i] + fraction * (u[i] - u_old[i])

@@ -1,7 +1,6 @@
-"""Solve a scene by boundary elements: check input and memory, and put the result
-together.
+"""Solve a scene by boundary elements: check the input and the memory, build the result.
 
-The modules below do not know the scene: they take a `GridProblem` for each load, and
+The modules below do not import the scene: they take a `GridProblem` for each load, and
 `Options`.
 """
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
-from epcontact.bem.flow import LoadedSurface, loaded
+from epcontact.bem.flow import LoadedSurface, solve_load
 from epcontact.bem.kernel import quarter_compliance, surface_compliance
 from epcontact.bem.level import GRADIENT_STEP, states
 from epcontact.bem.memory import require_memory
@@ -28,8 +27,8 @@ from epcontact.bem.problem import (
     Method,
     Options,
     checked_field,
-    checked_start,
-    checked_symbol,
+    start_pressure,
+    symbol_from_compliance,
 )
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, forget_peak, peak_memory
@@ -37,14 +36,18 @@ from epcontact.materials.moduli import effective_modulus, oedometric_modulus
 from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene, require_kind
 
+#: Bins of the pressure distribution in a result.
 _DISTRIBUTION_BINS = 1024
-# Along a load path the last solution is the better start up to this ratio of loads;
-# beyond it, coarse grids give the better one.
+# Along a load path the last solution is the better start up to this ratio of loads.
+# Beyond it, coarse grids give the better one.
 _WARM_RATIO = 1.03
-#: The grid's error of the mean gap is this times rms slope times spacing times the
-#: share of the area that its correction, with its claim, may move
-#: (`laboratory.area_bank --gaps`).
+#: The grid's error of the mean gap is this number times the rms slope, the spacing and
+#: the fraction of the area by which its correction and its error estimate may move it
+#: (nine of ten errors of `laboratory.area_bank --gaps` are smaller).
 _GAP_ERROR = 0.28
+# Progress at which a grid begins, as a fraction of the progress at its end.  The
+# coarser grid has ended there, because it has a quarter of the points.
+_COARSER_WORK = 0.25
 
 
 def solve(  # noqa: PLR0913 - options by keyword only, each with its default
@@ -65,8 +68,8 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     path.
 
     The path may go down and up again.  Each load meets the surface that the loads
-    before it have left behind: where the pressure reached the hardness, flow has
-    lowered it (`bem.flow`).
+    before it have left behind.  Plastic flow has lowered this surface where the
+    pressure reached the hardness (`bem.flow`).
 
     Args:
         scene: surface, material, body and load.
@@ -80,12 +83,12 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         method: "newton", or the name of a baseline.
         start: pressure field in Pa to start the first load from, instead of coarser
             grids.
-        plastic_displacement: how far earlier flow has lowered the surface, in m, of the
-            heights' shape: the field of this name of an earlier result, whose path this
-            one continues.
+        plastic_displacement: how far earlier flow has lowered the surface, in m, with
+            the shape of the heights.  The field of this name of an earlier result
+            continues the load path of that result.
         max_steps: most steps of the method; None: its own limit.
-        progress: called now and then with the share of the path that is done and a
-            sentence.
+        progress: called now and then with the fraction of the path that is done, from
+            0 to 1, and a sentence.
         on_step: called at each load with the result so far, whose fields are those of
             that load; it must not change them.
 
@@ -107,55 +110,63 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         0.3816
     """
     require_kind("scene", scene, Scene)
-    cores = available_cores() if threads is None else threads
-    options = Options(tolerance, area_tolerance, cores, method, max_steps)
-    started, compiled = time.perf_counter(), compile_seconds()
+    if threads is None:
+        threads = available_cores()
+    options = Options(tolerance, area_tolerance, threads, method, max_steps)
+    started = time.perf_counter()
+    compiled_before = compile_seconds()
     forget_peak()
     require_memory(scene.surface, scene.load, scene.material)
-    symbol, shape = _symbol(scene, compliance), scene.surface.shape
+    symbol = _symbol(scene, compliance)
+    shape = scene.surface.shape
     if start is not None:
-        start = checked_start(start, shape).reshape(symbol.shape)
-    if (before := plastic_displacement) is not None:
-        right = "finite lengths of at least 0 m"
-        before = checked_field("plastic_displacement", before, shape, right, 0.0)
-        before = before.reshape(symbol.shape)
+        start = start_pressure(start, shape).reshape(symbol.shape)
+    flow = None
+    if plastic_displacement is not None:
+        expected = "finite lengths of at least 0 m"
+        flow = checked_field(
+            "plastic_displacement", plastic_displacement, shape, expected, 0.0
+        )
+        flow = flow.reshape(symbol.shape)
     path = _Path(scene, symbol, options, compliance is not None, progress, on_step)
-    steps, last, pairs = path.walk(start, before)
-    seconds = time.perf_counter() - started - (compile_seconds() - compiled)
-    size, peak = float(scene.surface.heights.size), float(peak_memory())
-    cost = {**pairs, "seconds": seconds, "unknowns": size, "peak_memory_bytes": peak}
+    steps, last, pairs = path.solve(start, flow)
+    compiling = compile_seconds() - compiled_before
+    cost = {
+        **pairs,
+        "seconds": time.perf_counter() - started - compiling,
+        "unknowns": float(scene.surface.heights.size),
+        "peak_memory_bytes": float(peak_memory()),
+    }
     return path.result(steps, last, cost)
 
 
 def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
-    """The scene's compliance, or the one that is given; a line is a grid of one row."""
+    """Return the compliance of the scene's body, or the one given; a line is (1, n)."""
+    surface = scene.surface
     if compliance is not None:
-        return checked_symbol(compliance, scene.surface.shape)
-    (nx, ny), (x, y) = (
-        (1, *scene.surface.shape)[-2:],
-        (1.0, *scene.surface.periods)[-2:],
+        return symbol_from_compliance(compliance, surface.shape)
+    nx, ny = (1, *surface.shape)[-2:]
+    period_x, period_y = (1.0, *surface.periods)[-2:]
+    quarter = quarter_compliance(
+        (nx, ny), (period_x, period_y), scene.body, scene.material
     )
-    quarter = quarter_compliance((nx, ny), (x, y), scene.body, scene.material)
     symbol = Symbol.from_quarter(quarter, (nx, ny))
-    if scene.surface.heights.size > KEPT_POINTS:
+    if surface.heights.size > KEPT_POINTS:
         return symbol
-    return _kept(
-        symbol.values.tobytes(), symbol.rows.astype(np.int32).tobytes(), (nx, ny)
-    )
+    rows = symbol.rows.astype(np.int32)
+    return _shared_symbol(symbol.values.tobytes(), rows.tobytes(), (nx, ny))
 
 
 @functools.lru_cache(maxsize=4)
-def _kept(values: bytes, rows: bytes, grid: tuple[int, int]) -> Symbol:
-    """The one symbol of these values; it keeps what solves of other surfaces need,
-    too.
-    """
-    numbers = np.frombuffer(values).reshape(-1, grid[1] // 2 + 1).copy()
-    return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), grid)
+def _shared_symbol(values: bytes, rows: bytes, shape: tuple[int, int]) -> Symbol:
+    """Return the same symbol for equal values, so that surfaces share its cache."""
+    numbers = np.frombuffer(values).reshape(-1, shape[1] // 2 + 1).copy()
+    return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), shape)
 
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The load path of a scene, and how it is solved; see `solve`."""
+    """The load path of a scene with the options of its solution; see `solve`."""
 
     scene: Scene
     symbol: Symbol
@@ -164,73 +175,86 @@ class _Path:
     progress: Callable[[float, str], None] | None
     on_step: Callable[[ContactResult], None] | None
 
-    def walk(
-        self, start: FloatArray | None, before: FloatArray | None
+    def solve(
+        self, start: FloatArray | None, flow: FloatArray | None
     ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
-        """Solve at each load, on the surface that the loads before it have left.  Returns the load
-        steps, the surface under the last load, and the transforms of all loads.  start, before:
-        pressure in Pa to start from, and plastic displacement before the first load.
+        """Solve each load on the surface that the loads before it have left.
+
+        start: (nx, ny) pressure in Pa to start from; flow: (nx, ny) plastic
+        displacement in m before the first load.  Returns the load steps, the surface
+        under the last load, and the pairs of transforms of all loads.
         """
-        heights, path = (
-            self.scene.surface.heights.reshape(self.symbol.shape),
-            self.scene.load.path,
-        )
-        left = heights if before is None else heights - before
+        path = self.scene.load.path
+        original = self.scene.surface.heights.reshape(self.symbol.shape)
+        heights = original
+        if flow is not None:
+            heights = original - flow
         steps: list[LoadStep] = []
-        peak = 0.0  # that has left the flow `before`, if it is one of this path
-        pairs = dict.fromkeys(("fft_pairs", "equivalent_fft_pairs"), 0.0)
+        peak = 0.0  # the load of this path that has left `flow`; 0: it was given
+        pairs = {"fft_pairs": 0.0, "equivalent_fft_pairs": 0.0}
         while True:
             load = path[len(steps)]
-            problem = GridProblem(left, self.symbol, load, self.scene.material.hardness)
-            shown = replace(self.options, progress=self.share_done(len(steps)))
-            now = loaded(problem, shown, start, before, peak)
-            steps.append(_load_step(self.scene, now, self.options.threads))
-            pairs = {
-                name: count + now.solution.counts[name] for name, count in pairs.items()
-            }
+            hardness = self.scene.material.hardness
+            problem = GridProblem(heights, self.symbol, load, hardness)
+            options = replace(self.options, progress=self._progress_of(len(steps)))
+            surface = solve_load(problem, options, start, flow, peak)
+            steps.append(_load_step(self.scene, surface, self.options.threads))
+            for name in pairs:
+                pairs[name] += surface.solution.counts[name]
             if self.on_step is not None:
-                self.on_step(self.result(tuple(steps), now, dict(pairs)))
+                self.on_step(self.result(tuple(steps), surface, dict(pairs)))
             if len(steps) == len(path):
-                return tuple(steps), now, pairs
-            if path[len(steps)] < load and now.after is not None:
-                before, peak = now.after, max(peak, load)
-                left = heights - before
-            start = _warm_start(now, left, path[len(steps)])
-            del (
-                now,
-                problem,
-            )  # their fields would stay in memory beside those of the next load
+                return tuple(steps), surface, pairs
+            following = path[len(steps)]
+            if following < load and surface.flow_after is not None:
+                flow = surface.flow_after
+                peak = max(peak, load)
+                heights = original - flow
+            start = _warm_start(surface, heights, following)
+            # Their fields would stay in memory beside those of the next load.
+            del surface, problem
 
-    def share_done(self, load: int) -> Callable[[tuple[int, ...], float], None] | None:
-        """The progress of the load of a number, as a function of grid and residual.  A
-        grid has its share of the work by its points, so that all coarser ones have a
-        quarter of its own, and residuals fall by equal factors in equal times.
+    def _progress_of(
+        self, load: int
+    ) -> Callable[[tuple[int, ...], float], None] | None:
+        """Return the function of grid and residual that reports a load, by its index.
+
+        A grid's part of the work is proportional to its points, so that all coarser
+        grids have a quarter of its work.  Residuals fall by equal factors in equal
+        times.
         """
-        if (progress := self.progress) is None:
+        progress = self.progress
+        if progress is None:
             return None
-        path, tolerance = self.scene.load.path, self.options.tolerance
+        path = self.scene.load.path
+        tolerance = self.options.tolerance
         size = self.scene.surface.heights.size
 
         def report(grid: tuple[int, ...], residual: float) -> None:
-            settled = math.log(max(residual, tolerance)) / math.log(tolerance)
-            share = math.prod(grid) / size * (0.25 + 0.75 * min(max(settled, 0.0), 1.0))
-            words = " x ".join(map(str, grid))
-            sentence = (
-                f"bem: mean pressure {path[load]:.3g} Pa, {words} points, residual "
+            converged = math.log(max(residual, tolerance)) / math.log(tolerance)
+            converged = min(max(converged, 0.0), 1.0)
+            own_work = _COARSER_WORK + (1 - _COARSER_WORK) * converged
+            fraction = math.prod(grid) / size * own_work
+            points = " x ".join(map(str, grid))
+            progress(
+                (load + fraction) / len(path),
+                f"bem: mean pressure {path[load]:.3g} Pa, {points} points, "
+                f"residual {residual:.1e}",
             )
-            progress((load + share) / len(path), f"{sentence}{residual:.1e}")
 
         return report
 
     def result(
         self, steps: tuple[LoadStep, ...], last: LoadedSurface, cost: dict[str, float]
     ) -> ContactResult:
-        """The result after some steps, with the fields of the last one."""
-        surface, solution, options = self.scene.surface, last.solution, self.options
+        """Return the result after some load steps, with the fields of the last one."""
+        surface = self.scene.surface
+        solution = last.solution
         hardness = self.scene.material.hardness
         pressure = solution.pressure.reshape(surface.shape)
         displacement = solution.displacement.reshape(surface.shape)
-        if compression := _compression(self.scene, steps[-1].mean_pressure):
+        compression = _compression(self.scene, steps[-1].mean_pressure)
+        if compression:
             displacement = displacement + compression
         fields: dict[str, NDArray[Any]] = {
             "heights": surface.heights,
@@ -239,20 +263,20 @@ class _Path:
             "displacement": displacement,
             "state": states(pressure, hardness),
         }
-        if last.after is not None:
-            fields["plastic_displacement"] = last.after.reshape(surface.shape)
-        chosen: dict[str, Any] = {
-            "method": options.method,
-            "tolerance": options.tolerance,
+        if last.flow_after is not None:
+            fields["plastic_displacement"] = last.flow_after.reshape(surface.shape)
+        options: dict[str, Any] = {
+            "method": self.options.method,
+            "tolerance": self.options.tolerance,
         }
-        if options.area_tolerance:
-            chosen["area_tolerance"] = options.area_tolerance
+        if self.options.area_tolerance:
+            options["area_tolerance"] = self.options.area_tolerance
         if self.given_compliance:
-            chosen["compliance"] = "given"
+            options["compliance"] = "given"
         return ContactResult(
             method="bem",
             steps=steps,
-            provenance=Provenance(self.scene.digest, surface.seed, chosen),
+            provenance=Provenance(self.scene.digest, surface.seed, options),
             distribution=pressure_distribution(pressure, hardness, _DISTRIBUTION_BINS),
             fields=fields,
             cost=cost,
@@ -262,94 +286,135 @@ class _Path:
 
 
 def _warm_start(
-    last: LoadedSurface, left: FloatArray, following: float
+    last: LoadedSurface, heights: FloatArray, following: float
 ) -> FloatArray | None:
-    """p - c g of the last solution in Pa, scaled to the next load; None for a distant load.  Where
-    p is 0, it still shows how far away contact is.  left: the heights that the load meets.
+    """Return p - c g of the last solution in Pa, scaled to the following load.
+
+    Where p is 0, this start still shows how far away contact is.  Returns None if the
+    loads (Pa) are far apart.  heights: (nx, ny) in m, those that the following load
+    meets.
     """
-    problem, solution = last.problem, last.solution
-    ratio = following / problem.mean_pressure if problem.mean_pressure else math.inf
+    problem = last.problem
+    solution = last.solution
+    if not problem.mean_pressure:
+        return None
+    ratio = following / problem.mean_pressure
     if not 1 / _WARM_RATIO <= ratio <= _WARM_RATIO:
         return None
     stiffness = GRADIENT_STEP / problem.symbol.shortest()
-    return np.asarray(solution.pressure * ratio - stiffness * solution.gap(left))
+    return np.asarray(solution.pressure * ratio - stiffness * solution.gap(heights))
 
 
-def _load_step(scene: Scene, now: LoadedSurface, threads: int) -> LoadStep:
-    load, solution = now.problem.mean_pressure, now.solution
+def _load_step(scene: Scene, surface: LoadedSurface, threads: int) -> LoadStep:
+    """Return areas, quantities and residuals of one load."""
+    load = surface.problem.mean_pressure
+    solution = surface.solution
     # Unlike a product of a linear algebra library, this starts no threads.
     work = float(np.einsum("ij,ij->", solution.pressure, solution.displacement))
-    energy = (work / solution.pressure.size + _compression(scene, load) * load) / 2
-    found = figures(
-        scene, solution.pressure, now.gap(), energy, now.before, now.after, threads
+    work_per_area = work / solution.pressure.size + _compression(scene, load) * load
+    areas, quantities = areas_and_quantities(
+        scene,
+        solution.pressure,
+        surface.gap(),
+        work_per_area / 2,
+        surface.flow_before,
+        surface.flow_after,
+        threads,
     )
     counts = {name: int(count) for name, count in solution.counts.items()}
-    step = LoadStep(load, found[0], dict(solution.residuals), counts, found[1])
+    step = LoadStep(load, areas, dict(solution.residuals), counts, quantities)
     return step.with_errors(scene.surface.treatment_errors, "treatment")
 
 
-def figures(
+def areas_and_quantities(
     scene: Scene,
     pressure: FloatArray,
     gap: FloatArray,
-    energy: float,
-    before: FloatArray | None,
-    after: FloatArray | None,
+    elastic_energy: float,
+    flow_before: FloatArray | None,
+    flow_after: FloatArray | None,
     threads: int = 1,
 ) -> tuple[dict[str, Areas], dict[str, float]]:
-    """The areas and quantities of a load; gap, which is changed, and flow as of
-    `LoadedSurface`.
+    """Return the areas and the quantities of one load from its fields.
+
+    Args:
+        scene: surface, material and body.
+        pressure: (nx, ny) or (nx,), in Pa.
+        gap: in m, to the surface that earlier flow has left; it is overwritten.
+        elastic_energy: by nominal area, in J/m^2.
+        flow_before: plastic displacement before this load in m; None: there was none.
+        flow_after: plastic displacement after it in m; None: the material cannot flow.
+        threads: number of threads.
+
+    Returns:
+        The areas raw, corrected and error as fractions of the nominal area, and the
+        quantities by their names in a result, in SI units.
     """
-    shape, hardness = scene.surface.shape, scene.material.hardness
+    surface = scene.surface
+    hardness = scene.material.hardness
     open_gap = float(np.sum(gap, where=gap > 0)) / gap.size
-    separation, flow, flowed = float(gap.mean()), 0.0, 0.0
-    separation -= 0.0 if before is None else float(before.mean())
-    if after is not None:
-        flow, flowed = float(after.mean()), np.count_nonzero(after) / gap.size
+    separation = float(gap.mean())
+    flowed_before = None
+    if flow_before is not None:
+        separation -= float(flow_before.mean())
+        flowed_before = flow_before.reshape(surface.shape)
+    mean_flow = 0.0
+    flowed_fraction = 0.0
+    plastic_work = 0.0
+    if flow_after is not None:
+        mean_flow = float(flow_after.mean())
+        flowed_fraction = np.count_nonzero(flow_after) / gap.size
         # Fronts of plastic flow are placed by the whole depth of the flow.
-        np.negative(after, out=gap, where=pressure >= hardness)
-    spacing, modulus = scene.surface.spacing, effective_modulus(scene.material)
-    p, g = pressure.reshape(shape), gap.reshape(shape)
-    old = None if before is None else before.reshape(shape)
-    step_areas = estimate_areas(p, g, hardness, spacing, modulus, threads, flowed=old)
-    step_areas = (*step_areas[:2], _error_on_layers(scene, *step_areas))
-    raw, corrected, error = (areas.total for areas in step_areas)
-    moved = (abs(raw - corrected) + error) / raw if raw else 0.0
+        np.negative(flow_after, out=gap, where=pressure >= hardness)
+    if math.isfinite(hardness):
+        plastic_work = hardness * mean_flow
+    raw, corrected, error = estimate_areas(
+        pressure.reshape(surface.shape),
+        gap.reshape(surface.shape),
+        hardness,
+        surface.spacing,
+        effective_modulus(scene.material),
+        threads,
+        flowed=flowed_before,
+    )
+    error = _error_on_layers(scene, raw, corrected, error)
+    moved = 0.0
+    if raw.total:
+        moved = (abs(raw.total - corrected.total) + error.total) / raw.total
     quantities = {
         "mean_gap": open_gap,
         "mean_gap_error_by_grid": (
-            _GAP_ERROR * moved * scene.surface.rms_slope * max(scene.surface.spacing)
+            _GAP_ERROR * moved * surface.rms_slope * max(surface.spacing)
         ),
-        "mean_plastic_displacement": flow,
-        "flowed_share": flowed,
-        "plastic_work": hardness * flow if math.isfinite(hardness) else 0.0,
+        "mean_plastic_displacement": mean_flow,
+        "flowed_share": flowed_fraction,
+        "plastic_work": plastic_work,
         "mean_separation": separation,
-        "elastic_energy": energy,
+        "elastic_energy": elastic_energy,
         "largest_pressure": float(pressure.max()),
     }
-    return dict(zip(("raw", "corrected", "error"), step_areas, strict=True)), quantities
+    return {"raw": raw, "corrected": corrected, "error": error}, quantities
 
 
 def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -> Areas:
-    """The error of areas whose correction is that of a half-space.  By what share a
-    layer is stiffer against waves of two spacings, twice as much of the correction is
-    in doubt.
+    """Return the error of areas that were corrected as those of a half-space.
+
+    On a layer this correction is uncertain: by twice the fraction by which the layer is
+    stiffer than the half-space against waves of two spacings.
     """
-    shortest, modulus = (
-        math.pi / max(scene.surface.spacing),
-        effective_modulus(scene.material),
+    wavenumber = math.pi / max(scene.surface.spacing)
+    modulus = effective_modulus(scene.material)
+    compliance = surface_compliance(np.array([wavenumber]), scene.body, scene.material)
+    stiffer = 1 - compliance[0] * modulus * wavenumber / 2
+    return Areas(
+        math.hypot(error.total, 2 * stiffer * (raw.total - corrected.total)),
+        math.hypot(error.elastic, 2 * stiffer * (raw.elastic - corrected.elastic)),
+        math.hypot(error.plastic, 2 * stiffer * (raw.plastic - corrected.plastic)),
     )
-    compliance = surface_compliance(np.array([shortest]), scene.body, scene.material)[0]
-    stiffer = 1 - compliance * modulus * shortest / 2
-    doubts = (
-        2 * stiffer * (getattr(raw, part) - getattr(corrected, part))
-        for part in vars(error)
-    )
-    return Areas(*map(math.hypot, vars(error).values(), doubts))
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:
-    """The uniform displacement of a layer's surface, in m; a half-space has none."""
+    """Return the uniform displacement (m) of a layer's surface; 0 for a half-space."""
     if scene.body.kind == "half_space":
         return 0.0
     return mean_pressure * scene.body.depth / oedometric_modulus(scene.material)

@@ -1,10 +1,10 @@
-"""One grid of the cascade: its sets, its offset and the residuals of its optimality
-conditions.
+"""One grid of the cascade: its sets, its offset and its optimality conditions.
 
-Inside the solver a pressure is in units of the mean pressure, a height or gap in metres.  With
-g = u + z - h (u the displacement, z the offset of the flat) the Karush-Kuhn-Tucker conditions
-are g >= 0 where p = 0, g = 0 where 0 < p < cap, g <= 0 where p = cap.  z is the multiplier of the
-prescribed mean; it makes g vanish on average over the points between their bounds.
+Inside the solver a pressure is in units of the mean pressure, a height or gap in
+metres.  With the gap g = u + z - h (u the displacement, z the offset of the flat) the
+Karush-Kuhn-Tucker conditions are g >= 0 where p = 0, g = 0 where 0 < p < cap, and g <=
+0 where p = cap.  z is the multiplier of the prescribed mean; it makes g vanish on
+average over the points between their bounds.
 """
 
 from __future__ import annotations
@@ -29,99 +29,135 @@ GRADIENT_STEP = 0.3
 
 
 class Level:
-    """A grid problem with the data of its iterations.  Gap residuals are divided by
-    gap_scale (m), that of the finest grid; `step` is the first length c of a gradient
-    step p - c g, in mean pressures per m; `parts` are the blocks' flat ranges.
+    """A grid problem with the data of its iterations.
+
+    Attributes:
+        heights: (nx, ny) in m, read-only.
+        cap: hardness in units of the mean pressure.
+        gap_scale: length in m by which gap residuals are divided, that of the finest
+            grid.
+        workers: threads of the solve.
+        convolution: applies the compliance; m of displacement by mean pressure.
+        step: first length c of a gradient step p - c g, in mean pressures per m.
+        parts: flat ranges of the blocks of rows.
     """
 
     def __init__(
         self, problem: GridProblem, gap_scale: float, workers: Workers
     ) -> None:
+        # Read-only as the heights of a scene are, so that kernels are compiled for one
+        # kind of array.
         self.heights = problem.heights.view()
-        # As those of a scene, so that kernels are compiled for one kind of array.
         self.heights.flags.writeable = False
-        self.cap, self.gap_scale, self.workers = problem.cap, gap_scale, workers
+        self.cap = problem.cap
+        self.gap_scale = gap_scale
+        self.workers = workers
         self.convolution = Convolution(problem.symbol, problem.mean_pressure, workers)
         self.step = GRADIENT_STEP / (problem.mean_pressure * problem.symbol.shortest())
         ny = problem.symbol.shape[1]
         self.parts = [slice(a.start * ny, a.stop * ny) for a in self.convolution.rows]
 
     def split(self, *fields: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """Return the flat views of each field's blocks."""
+        """Return, for each field (nx, ny), the flat views of its blocks."""
         return [split(field.reshape(-1), self.parts) for field in fields]
 
 
 @dataclass
 class Iterate:
-    """The current state of the iteration on a grid, and its cost so far."""
+    """The current state of the iteration on a grid, and its cost so far.
 
-    p: FloatArray  # feasible, in units of the mean pressure
-    u: FloatArray  # its displacement, in m
-    z: float = 0.0  # the offset, in m
-    settled: bool = False  # whether the goal is met
-    history: list[float] = field(
-        default_factory=list
-    )  # the largest residual after each step
-    newton: int = 0  # numbers of steps
+    Attributes:
+        p: (nx, ny) feasible pressure, in units of the mean pressure.
+        u: (nx, ny) its displacement, in m.
+        z: offset of the flat, in m.
+        settled: whether the goal of the solve is met.
+        history: largest residual after each step.
+        newton, cg, gradient: numbers of steps.
+        cut: Newton steps that were cut short.
+        pairs: cost of all transforms, in pairs of transforms of this grid.
+    """
+
+    p: FloatArray
+    u: FloatArray
+    z: float = 0.0
+    settled: bool = False
+    history: list[float] = field(default_factory=list)
+    newton: int = 0
     cg: int = 0
     gradient: int = 0
-    cut: int = 0  # Newton steps that were cut short
-    pairs: float = 0.0  # cost of all transforms, in pairs of transforms of this grid
+    cut: int = 0
+    pairs: float = 0.0
 
 
 def first_iterate(level: Level, p: FloatArray) -> Iterate:
-    """The iterate of a feasible pressure p (nx, ny), which later steps overwrite."""
-    it = Iterate(p, np.empty_like(p))
-    level.convolution.apply(p, it.u)
-    return it
+    """Return the iterate of a feasible pressure p (nx, ny), which steps overwrite."""
+    iterate = Iterate(p, np.empty_like(p))
+    level.convolution.apply(p, iterate.u)
+    return iterate
 
 
-def measured(level: Level, p: FloatArray, u: FloatArray) -> tuple[float, float, float]:
-    """(offset z in m, mean of p, energy) of a pressure and its displacement.  The
-    energy is in mean pressures times m, summed over the points.  If no point is between
-    its bounds, the offset is the middle of the range that the other two sets allow.
+def measure_iterate(
+    level: Level, p: FloatArray, u: FloatArray
+) -> tuple[float, float, float]:
+    """Return (offset z in m, mean of p, energy) of a pressure and its displacement.
+
+    The energy is in mean pressures times m, summed over the points.  If no point is
+    between its bounds, the offset is the middle of the range that the other two sets
+    allow.
     """
-    sums = level.workers.total(measure, *level.split(p, u, level.heights), level.cap)
-    needed, number, force, energy = sums
-    if number:
-        return needed / number, force / p.size, energy
-    offsets = level.heights - u
-    ends = offsets[p <= 0].max(initial=-np.inf), offsets[p > 0].min(initial=np.inf)
-    return (
-        float(np.mean([end for end in ends if np.isfinite(end)])),
-        force / p.size,
-        energy,
+    sums = level.workers.total(
+        sum_iterate, *level.split(p, u, level.heights), level.cap
     )
+    total, number, force, energy = sums
+    mean_pressure = force / p.size
+    if number:
+        return total / number, mean_pressure, energy
+    offsets = level.heights - u
+    bounds = np.array(
+        [
+            offsets[p <= 0].max(initial=-np.inf),
+            offsets[p > 0].min(initial=np.inf),
+        ]
+    )
+    middle = float(bounds[np.isfinite(bounds)].mean())
+    return middle, mean_pressure, energy
 
 
 def states(p: FloatArray, cap: float) -> StateArray:
-    """APART (0) where p = 0, PLASTIC (2) where p = cap, ELASTIC (1) between."""
+    """Return the state of each point: 0 (apart) where p = 0, 2 (plastic) where p = cap.
+
+    It is 1 (elastic) between.  p, cap: in the same unit.
+    """
     return (p > 0).astype(np.uint8) + (p >= cap)
 
 
-def kkt_residuals(level: Level, it: Iterate) -> dict[str, float]:
-    """The largest violation of each optimality condition, dimensionless.
+def kkt_residuals(level: Level, iterate: Iterate) -> dict[str, float]:
+    """Return the largest violation of each optimality condition, dimensionless.
 
-    gap_elastic: |g| where 0 < p < cap; gap_sign: wrong sign of g at a bound (both
-    divided by the level's gap scale); bounds: pressure beyond its bounds, by the mean
-    pressure; force: mean(p).
+    gap_elastic is |g| where 0 < p < cap, and gap_sign is the wrong sign of g at a
+    bound; both are divided by the level's gap scale.  bounds is the pressure beyond its
+    bounds, and force is the error of the mean pressure, both by the mean pressure.
     """
     parts = level.workers.each(
-        violations, *level.split(it.p, it.u, level.heights), it.z, level.cap
+        violations,
+        *level.split(iterate.p, iterate.u, level.heights),
+        iterate.z,
+        level.cap,
     )
     elastic, sign, bounds, force = zip(*parts, strict=True)
     return {
         "gap_elastic": max(elastic) / level.gap_scale,
         "gap_sign": max(sign) / level.gap_scale,
         "bounds": max(bounds),
-        "force": abs(sum(force) / it.p.size - 1),
+        "force": abs(sum(force) / iterate.p.size - 1),
     }
 
 
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
-    """Move pressures that are within rounding of a bound onto it; return True if there
-    were any. If points on the bounds carry all of the load, those of the others are
-    rounding of a sum only.
+    """Move pressures within rounding of a bound onto it; return True if any was moved.
+
+    If points on the bounds carry all of the load, the pressures of the others are only
+    the rounding of a sum.
     """
     rounding = 8 * p.size * np.finfo(np.float64).eps
     (moved,) = level.workers.total(move_to_bounds, *level.split(p), level.cap, rounding)
@@ -130,9 +166,7 @@ def put_on_bounds(level: Level, p: FloatArray) -> bool:
 
 @compiled
 def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
-    """Move pressures within `rounding` of a bound onto it, in place; return their
-    number.
-    """
+    """Move pressures within `rounding` of a bound onto it; return (their number,)."""
     moved = 0
     for i in range(p.size):
         if 0.0 < p[i] < rounding:
@@ -148,8 +182,10 @@ def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
 def violations(
     p: Any, u: Any, h: Any, z: float, cap: float
 ) -> tuple[float, float, float, float]:
-    """The largest |g| where 0 < p < cap, g of the wrong sign elsewhere and p beyond its
-    bounds, and the sum of p.
+    """Return the largest violations of three conditions in a block, and the sum of p.
+
+    These are |g| where 0 < p < cap, g of the wrong sign elsewhere, and p beyond its
+    bounds.
     """
     elastic = sign = bounds = force = 0.0
     for i in range(p.size):
@@ -166,9 +202,10 @@ def violations(
 
 
 @compiled
-def measure(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
-    """The sum of h - u over the points with 0 < p < cap and their number, and the sums
-    of p and of p (u/2 - h) over all points.
+def sum_iterate(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
+    """Return the sum of h - u over the points with 0 < p < cap and their number.
+
+    The sums of p and of p (u/2 - h) over all points follow.
     """
     total = force = energy = 0.0
     number = 0

@@ -1,19 +1,19 @@
-"""Semi-smooth Newton method on the sets apart, elastic, plastic, with feasible
-iterates.
+"""Semi-smooth Newton method on the sets apart, elastic and plastic.
 
-One outer step, from a pressure p that keeps its bounds and its mean:
+Every iterate is feasible: it keeps its bounds and its mean.  One outer step, from a
+pressure p:
 
-1. solve (S p)_F + z = h_F with the mean of p kept, where the elastic set F holds the
-   points between their bounds and those on a bound where the gap has the wrong sign;
-   this is done by conjugate gradients in the space of zero mean, preconditioned cell by
-   cell, and no more accurately than the present sets deserve;
-2. move the result into the bounds, restore the force of each cell and the mean, and
+1. Solve (S p)_F + z = h_F with the mean of p kept.  The elastic set F holds the points
+   between their bounds, and those on a bound where the gap has the wrong sign.
+   Conjugate gradients in the space of zero mean, preconditioned cell by cell, solve
+   this problem, and no more accurately than the present sets deserve.
+2. Move the result into the bounds, restore the force of each cell and the mean, and
    find the displacement of all points.
 
-So a step costs one pair of transforms, and a cheap one for each inner iteration.  The
+So a step costs one pair of transforms, and a cheap pair for each inner iteration.  The
 full step is taken if it lowers the energy 1/2 <p, S p> - <p, h>; otherwise it is cut at
 the minimum of the energy along it, and projected gradient steps follow.  The energy of
-the iterates never rises, which rules out the cycles of the plain method with a capped
+the iterates never rises.  This rules out the cycles of the plain method with a capped
 pressure.
 """
 
@@ -34,7 +34,7 @@ from epcontact.bem.level import (
     Level,
     StateArray,
     first_iterate,
-    measured,
+    measure_iterate,
     states,
 )
 from epcontact.bem.problem import Options
@@ -51,16 +51,17 @@ _GRADIENT_STEPS = 4
 # this times `area_tolerance` times the contact.  A step leaves at most a fifth of the
 # changes of the one before, so the changes still to come are then within the tolerance.
 _CHANGES_PER_ERROR = 5
-# Nor before the residual has fallen to this share of the first one: 24 of 81 scenes of
-# 8 to 64 points a wavelength would stop with areas up to 3 % off.
+# The areas do not count as settled before the residual has fallen to this fraction of
+# the first one: 24 of 81 scenes of 8 to 64 points a wavelength would stop with areas up
+# to 3 % off.
 _CALM = 0.2
-# Nor unless the tolerance is worth at least one point of the smallest area, or the
-# residual is below this value, at which no point changes sets any more (largest error
-# of 312 scenes: 4e-6).
+# They do not count as settled either unless the tolerance is worth at least one point
+# of the smallest area, or the residual is below this value, at which no point changes
+# sets any more (largest error of 312 scenes: 4e-6).
 _UNSEEN = 1e-5
-# Differences of the energy below this share of (points x mean pressure x gap scale) are
-# rounding. Without this limit full steps near the end were cut, and 53 scenes took 17 %
-# more pairs.
+# Differences of the energy below this fraction of (points x mean pressure x gap scale)
+# are rounding.  Without this limit full steps near the end were cut, and 53 scenes took
+# 17 % more pairs.
 _ENERGY_NOISE = 1e-12
 # Along a step the energy is a parabola: the full step lowers it if the minimum is
 # beyond a half.
@@ -71,157 +72,205 @@ _FULL_STEP = 0.5
 _SLOW = 4
 # The inner iterations reduce the 2-norm of the residual by the first factor, and, with
 # the exact operator once no point changes sets, by the second one.
-_REDUCTION, _LAST_REDUCTION = 0.1, 1e-3
+_REDUCTION = 0.1
+_LAST_REDUCTION = 1e-3
+# The inner iterations stop where no residual is above this fraction of the tolerance.
+_FLOOR = 0.3
 
 
 @dataclass(frozen=True)
 class _Sets:
-    """Numbers of points by set, and the worst violation of the conditions on the gap in
-    m.
+    """Numbers of points by set, and how far the conditions on the gap are violated.
+
+    Attributes:
+        changed: points whose set has changed.
+        elastic, plastic: points of these sets.
+        entering: points that come into contact.
+        unloading: points that cease to be plastic.
+        worst: largest violation of the conditions on the gap, in m.
+        elastic_by_block: points of the elastic set in each block of rows.
     """
 
     changed: int
     elastic: int
     plastic: int
-    entering: int  # that come into contact
-    unloading: int  # that cease to be plastic
+    entering: int
+    unloading: int
     worst: float
     elastic_by_block: list[int]
 
-    def settled(self, aim: float, history: list[float]) -> bool:
-        """True if the areas change by no more than `aim` after a full step.  They do
-        not count while the residual is near the first one: with many points a
-        wavelength, fronts move by less than a point while forces are out of balance.
+    def areas_settled(self, tolerance: float, history: list[float]) -> bool:
+        """Return True if no area changes by more than `tolerance` after a full step.
+
+        The sets do not count while the residual is near the first one: with many points
+        a wavelength, fronts move by less than a point while forces are out of balance.
         """
+        residual = history[-1]
         contact = self.elastic + self.plastic
-        least = min((n for n in (self.elastic, self.plastic) if n), default=0)
+        few_changes = self.changed <= _CHANGES_PER_ERROR * tolerance * max(contact, 1)
+        smallest = min(self.elastic or contact, self.plastic or contact)
+        resolved = tolerance * smallest >= 1 or residual <= _UNSEEN
+        calm = residual <= _CALM * history[0]
         changes = (
             self.entering / max(contact, 1),
             self.unloading / max(self.plastic, 1),
             (self.entering + self.unloading) / max(self.elastic, 1),
         )
-        few_changes = self.changed <= _CHANGES_PER_ERROR * aim * max(contact, 1)
-        seen, calm = (
-            aim * least >= 1 or history[-1] <= _UNSEEN,
-            history[-1] <= _CALM * history[0],
-        )
-        return few_changes and seen and calm and max(changes) <= aim
+        return few_changes and resolved and calm and max(changes) <= tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A Newton step that was taken."""
+    """A Newton step that was taken.
 
-    points: Points  # that the step changed
-    before: FloatArray  # their pressures and gaps before the step
+    Attributes:
+        points: the elastic points, which the step changed.
+        pressure: (points,) their pressures before the step.
+        gap: (points,) their gaps before the step, in m.
+        energy: that before the step.
+    """
+
+    points: Points
+    pressure: FloatArray
     gap: FloatArray
-    energy: float  # before the step
+    energy: float
 
 
 def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve on one grid from a feasible start p (nx, ny), which is overwritten."""
-    it, inner = first_iterate(level, p), InnerOperators(level.convolution)
-    state, trouble = states(p, level.cap), 0
+    """Solve on one grid from a feasible start p (nx, ny), which is overwritten.
+
+    The iterate that is returned has met its goal if its `settled` is True; otherwise
+    the steps allowed were not enough.
+    """
+    iterate = first_iterate(level, p)
+    inner = InnerOperators(level.convolution)
+    state = states(p, level.cap)
+    cuts = 0  # steps cut of late: each cut adds one, each full step takes one away
     step: _Step | None = None
     while True:
-        it.z, force, energy = measured(level, it.p, it.u)
-        share = 1.0 if step is None else _best_share(level, it, step, energy)
-        full = share >= _FULL_STEP
+        iterate.z, force, energy = measure_iterate(level, iterate.p, iterate.u)
+        fraction = 1.0
+        if step is not None:
+            fraction = _best_fraction(level, iterate, step, energy)
+        full = fraction >= _FULL_STEP
         if step is not None and not full:
-            it.cut, trouble = it.cut + 1, trouble + 1
-            p, index = it.p.reshape(-1), step.points.index
-            p[index] = step.before + share * (p[index] - step.before)
-            level.convolution.apply(it.p, it.u)
-            gradient = min(4 ** (trouble - 2), _GRADIENT_STEPS) if trouble > 1 else 0
+            iterate.cut += 1
+            cuts += 1
+            _cut_step(level, iterate, step, fraction)
+            gradient_steps = min(4 ** (cuts - 2), _GRADIENT_STEPS) if cuts > 1 else 0
         else:
-            trouble = max(0, trouble - 1)
-            slow = (
-                len(it.history) > _SLOW
-                and it.history[-1] > 0.5 * it.history[-1 - _SLOW]
-            )
-            gradient = int(slow and not trouble)
+            cuts = max(0, cuts - 1)
+            gradient_steps = int(cuts == 0 and _is_slow(iterate.history))
         length = level.step
-        for _ in range(gradient):
-            length = gradient_step(level, it, length)
-        if gradient or not full:
-            it.z, force, energy = measured(level, it.p, it.u)
-        sets = _update_sets(level, it, state)
-        it.history.append(max(sets.worst / level.gap_scale, abs(force - 1)))
-        it.settled = it.history[-1] <= options.tolerance
+        for _ in range(gradient_steps):
+            length = gradient_step(level, iterate, length)
+        if gradient_steps or not full:
+            iterate.z, force, energy = measure_iterate(level, iterate.p, iterate.u)
+        sets = _update_sets(level, iterate, state)
+        iterate.history.append(max(sets.worst / level.gap_scale, abs(force - 1)))
+        iterate.settled = iterate.history[-1] <= options.tolerance
         if options.area_tolerance and full and step is not None:
-            it.settled |= sets.settled(options.area_tolerance, it.history)
-        if it.settled or it.newton >= (options.max_steps or _MAX_STEPS):
-            it.pairs = level.convolution.pairs + inner.pairs
-            return it
-        it.newton += 1
+            iterate.settled |= sets.areas_settled(
+                options.area_tolerance, iterate.history
+            )
+        if iterate.settled or iterate.newton >= (options.max_steps or _MAX_STEPS):
+            iterate.pairs = level.convolution.pairs + inner.pairs
+            return iterate
+        iterate.newton += 1
         if options.progress is not None:
-            options.progress(level.heights.shape, it.history[-1])
-        step = None  # before the arrays of the next one are made
-        step = _newton_step(level, inner, it, state, sets, energy, options.tolerance)
+            options.progress(level.heights.shape, iterate.history[-1])
+        step = None  # frees its memory before the arrays of the next step are made
+        step = _newton_step(
+            level, inner, iterate, state, sets, energy, options.tolerance
+        )
 
 
-def _best_share(level: Level, it: Iterate, step: _Step, energy: float) -> float:
-    """The share of the step at which the energy (after it) is least; 1 if rounding
-    hides it.
+def _is_slow(history: list[float]) -> bool:
+    """Return True if the residual has not halved within the last _SLOW steps."""
+    return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
+
+
+def _best_fraction(level: Level, iterate: Iterate, step: _Step, energy: float) -> float:
+    """Return the fraction of the step at which the energy is least.
+
+    It is 1 if rounding hides the energy.  energy: that after the full step.
     """
-    moved = it.p.reshape(-1)[step.points.index] - step.before
+    moved = iterate.p.reshape(-1)[step.points.index] - step.pressure
     slope = float(np.sum(np.multiply(moved, step.gap, out=moved)))
     curvature = 2 * (energy - step.energy - slope)
     noise = _ENERGY_NOISE * level.heights.size * level.gap_scale
     if abs(slope) <= noise and abs(energy - step.energy) <= noise:
         return 1.0
-    return min(1.0, max(0.0, -slope / curvature)) if curvature > 0 else float(slope < 0)
+    if curvature > 0:
+        return min(1.0, max(0.0, -slope / curvature))
+    return float(slope < 0)
 
 
-def _update_sets(level: Level, it: Iterate, state: StateArray) -> _Sets:
+def _cut_step(level: Level, iterate: Iterate, step: _Step, fraction: float) -> None:
+    """Go back to a fraction of the step, in place."""
+    p = iterate.p.reshape(-1)
+    index = step.points.index
+    p[index] = step.pressure + fraction * (p[index] - step.pressure)
+    level.convolution.apply(iterate.p, iterate.u)
+
+
+def _update_sets(level: Level, iterate: Iterate, state: StateArray) -> _Sets:
     """Overwrite `state` with the sets that the iterate calls for, and count them."""
-    fields = level.split(it.p, it.u, level.heights, state)
-    parts = level.workers.each(update_states, *fields, it.z, level.cap)
+    fields = level.split(iterate.p, iterate.u, level.heights, state)
+    parts = level.workers.each(update_states, *fields, iterate.z, level.cap)
     changed, elastic, plastic, entering, unloading, worst = zip(*parts, strict=True)
-    numbers = sum(changed), sum(elastic), sum(plastic), sum(entering), sum(unloading)
-    return _Sets(*numbers, max(worst), list(elastic))
+    return _Sets(
+        sum(changed),
+        sum(elastic),
+        sum(plastic),
+        sum(entering),
+        sum(unloading),
+        max(worst),
+        list(elastic),
+    )
 
 
 def _newton_step(
     level: Level,
     inner: InnerOperators,
-    it: Iterate,
+    iterate: Iterate,
     state: StateArray,
     sets: _Sets,
     energy: float,
     tolerance: float,
 ) -> _Step | None:
-    """Take one outer step; None if there is nothing to solve for."""
+    """Take one outer step; return None if there was nothing to solve for."""
     ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
     parts = [slice(*pair) for pair in itertools.pairwise(ends)]
     integers = np.int32 if level.heights.size < 2**31 else np.int64
     points = Points(np.empty(ends[-1], dtype=integers), parts)
-    pressure, r = np.empty(ends[-1]), np.empty(ends[-1])  # and residual h - u - z
+    pressure = np.empty(ends[-1])
+    r = np.empty(ends[-1])  # the residual h - u - z
     lists = points.split(points.index, pressure, r)
-    fields, first = (
-        level.split(it.p, it.u, level.heights, state),
-        [a.start for a in level.parts],
-    )
-    level.workers.each(collect, *fields, first, it.z, *lists)
+    fields = level.split(iterate.p, iterate.u, level.heights, state)
+    first = [part.start for part in level.parts]
+    level.workers.each(collect, *fields, first, iterate.z, *lists)
     if r.size < 2:
         # A single point carries the rest of the load: only a gradient step can change
         # the sets.
-        gradient_step(level, it, level.step)
+        gradient_step(level, iterate, level.step)
         return None
     step = _Step(points, pressure, -r, energy)
     r -= r.mean()
     x = np.zeros(r.size)
-    # The displacement is not needed until the step has been found, so its memory is.
-    masked = MaskedGrid(points, it.u, level.workers)
-    operator = inner.choose(sets.changed, masked, it.history[-1])
+    # The displacement is not needed until the step has been found, but its memory is.
+    masked = MaskedGrid(points, iterate.u, level.workers)
+    operator = inner.choose(sets.changed, masked, iterate.history[-1])
     exact = operator is level.convolution
     reduction = _LAST_REDUCTION if exact and not sets.changed else _REDUCTION
-    floor = 0.3 * tolerance * level.gap_scale
+    floor = _FLOOR * tolerance * level.gap_scale
     cells = Cells(level.convolution, points)
     precondition = inner.preconditioner(cells, masked)
-    it.cg += conjugate_gradients(operator, precondition, points, r, x, reduction, floor)
-    put(level, it.p, points, cells, pressure, x)
-    level.convolution.apply(it.p, it.u)
+    iterate.cg += conjugate_gradients(
+        operator, precondition, points, r, x, reduction, floor
+    )
+    put(level, iterate.p, points, cells, pressure, x)
+    level.convolution.apply(iterate.p, iterate.u)
     return step
 
 
@@ -269,8 +318,9 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
     pressure: Any,
     residual: Any,
 ) -> None:
-    """List index, pressure and h - u - z of the elastic points in a block from `first`
-    on.
+    """List index, pressure and h - u - z of the elastic points of a block.
+
+    first: flat index of the block's first point.
     """
     k = 0
     for i in range(p.size):

@@ -1,10 +1,9 @@
-"""The capped contact problem on plain arrays, the options of its solution, and the
-solution.
+"""The capped contact problem on plain arrays, its options and its solution.
 
 Minimise 1/2 <p, S p> - <p, h> over 0 <= p <= hardness with mean(p) = p0 on a periodic
-grid or line; S is diagonal in Fourier space.  The minimiser is unique.  hardness = inf
-is the elastic problem (Kalker's variational principle; the cap after Tian and Bhushan,
-1996).
+grid or line.  S is diagonal in Fourier space, and the minimiser is unique.  hardness =
+inf is the elastic problem (Kalker's variational principle; the cap is that of Tian and
+Bhushan, 1996).
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 from epcontact.bem.transforms import Symbol
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import array, settle, share, whole
+from epcontact.scene import array, fraction, integer, set_frozen
 
-#: The largest factor by which a user's compliance may fall from a wave to the one of
+#: The largest factor by which a user's compliance may fall from a wave to the wave of
 #: half its length: 1/q^1.5 takes 10 to 25 pairs of transforms on the finest grid, 1/q^2
 #: takes 1100.
 STEEPEST = 3.0
@@ -30,18 +29,26 @@ STEEPEST = 3.0
 Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
 #: The solver's own method, and the baselines it is measured against.
 METHODS: tuple[str, ...] = get_args(Method)
+# Gap residuals are divided by the rms height, if this is more than so many times p0 dx
+# / E*.
+_RESOLVED_HEIGHT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class GridProblem:
-    """One contact problem on a periodic grid."""
+    """One contact problem on a periodic grid.
 
-    heights: FloatArray  # (nx, ny) in m; a line is (1, n)
-    symbol: Symbol  # surface compliance of each mode, in m/Pa
-    mean_pressure: float  # in Pa, above 0
-    hardness: float = (
-        math.inf
-    )  # in Pa, above the mean pressure; infinite for an elastic body
+    Attributes:
+        heights: (nx, ny) in m; a line is (1, n).
+        symbol: surface compliance of each mode, in m/Pa.
+        mean_pressure: in Pa, above 0.
+        hardness: in Pa, above the mean pressure; infinite for an elastic body.
+    """
+
+    heights: FloatArray
+    symbol: Symbol
+    mean_pressure: float
+    hardness: float = math.inf
 
     @property
     def cap(self) -> float:
@@ -49,16 +56,17 @@ class GridProblem:
         return self.hardness / self.mean_pressure
 
     def gap_scale(self) -> float:
-        """The length in m by which gap residuals are divided: the rms height, as a
-        rule.
+        """Return the length in m by which gap residuals are divided.
 
-        If it is below a millionth of p0 dx / E*, it is p0 dx / E* instead: p resolves
-        its fluctuation about p0 to eps p0 only, so gaps below eps p0 dx / E* are
-        rounding.
+        It is the rms height, unless this is below a millionth of p0 dx / E*; then it is
+        p0 dx / E*.  A pressure resolves its fluctuation about p0 to eps p0 only, so
+        gaps below eps p0 dx / E* are rounding.
         """
-        floor = self.mean_pressure * self.symbol.shortest() * math.pi / 2
-        rms = float(np.std(self.heights))
-        return rms if rms > 1e-6 * floor else floor
+        per_spacing = self.mean_pressure * self.symbol.shortest() * math.pi / 2
+        rms_height = float(np.std(self.heights))
+        if rms_height > _RESOLVED_HEIGHT * per_spacing:
+            return rms_height
+        return per_spacing
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,7 @@ class Options:
 
     Attributes:
         tolerance: on the Karush-Kuhn-Tucker residuals, dimensionless.
-        area_tolerance: stop as soon as the areas are settled to this relative change;
+        area_tolerance: stop as soon as no area changes by more than this fraction;
             None: stop only when the residuals meet `tolerance`.
         threads: number of threads.
         method: "newton", or the name of a baseline.
@@ -88,31 +96,32 @@ class Options:
     )
 
     def __post_init__(self) -> None:
-        settle(self, tolerance=share("tolerance", self.tolerance))
+        set_frozen(self, tolerance=fraction("tolerance", self.tolerance))
         if self.area_tolerance is not None:
-            settle(self, area_tolerance=share("area_tolerance", self.area_tolerance))
-        settle(self, threads=whole("threads", self.threads, 1))
+            set_frozen(
+                self, area_tolerance=fraction("area_tolerance", self.area_tolerance)
+            )
+        set_frozen(self, threads=integer("threads", self.threads, 1))
         if self.max_steps is not None:
-            settle(self, max_steps=whole("max_steps", self.max_steps, 1))
+            set_frozen(self, max_steps=integer("max_steps", self.max_steps, 1))
         if self.method not in METHODS:
             methods = ", ".join(METHODS)
-            raise InvalidScene(
-                f"method is {self.method!r}, but must be one of {methods}"
-            )
+            message = f"method is {self.method!r}, but must be one of {methods}"
+            raise InvalidScene(message)
 
 
 @dataclass(frozen=True)
 class PressureSolution:
-    """The answer at one mean pressure, on the grid of the heights.
+    """The solution at one mean pressure, on the grid of the heights.
 
     Attributes:
         pressure: in Pa.
         displacement: downward, in m, without its mean.
         offset: height z of the flat in m; the gap is displacement + offset - heights.
         residuals: see `level.kkt_residuals`.
-        counts: newton, cg and gradient steps and fft_pairs on the finest grid;
-            equivalent_fft_pairs of all grids, by their points; levels, the number of
-            grids.
+        counts: newton, cg and gradient are numbers of steps, and fft_pairs are pairs of
+            transforms, on the finest grid; equivalent_fft_pairs are those of all grids
+            in pairs of the finest one; levels is the number of grids.
         history: the largest residual after each step.
         notes: sentences about fallbacks that were taken.
     """
@@ -126,23 +135,31 @@ class PressureSolution:
     notes: tuple[str, ...] = ()
 
     def gap(self, heights: FloatArray) -> FloatArray:
-        """The gap in m over heights of the grid's shape; no other array is made."""
+        """Return the gap in m over heights (m) of the grid's shape.
+
+        The result is the only new array.
+        """
         gap = np.subtract(self.offset, heights)
         gap += self.displacement.reshape(heights.shape)
         return np.asarray(gap)
 
 
-def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> Symbol:
-    """A user's compliance per mode of `numpy.fft.rfftn` as a Symbol; a line becomes (1,
-    n).
+def symbol_from_compliance(
+    compliance: NDArray[np.floating], shape: tuple[int, ...]
+) -> Symbol:
+    """Check a user's compliance and return it as a symbol; a line becomes (1, n).
+
+    compliance: m/Pa for each mode of `numpy.fft.rfftn`; shape: of the heights.  Raises
+    InvalidScene if it has another shape, is not finite and positive in every mode but
+    the mean, is not symmetric, or falls too fast with the wave number.
     """
     values = np.atleast_2d(array("compliance", compliance).copy())
-    grid = (1, shape[0]) if len(shape) == 1 else (shape[0], shape[1])
-    expected = (grid[0], grid[1] // 2 + 1)
+    nx, ny = (1, *shape)[-2:]
+    expected = (nx, ny // 2 + 1)
     if values.shape != expected:
         raise InvalidScene(
-            f"compliance has shape {np.shape(compliance)}, but one value per mode of the real "
-            f"transform of {shape} heights is needed: {expected}"
+            f"compliance has shape {np.shape(compliance)}, but one value per mode of "
+            f"the real transform of {shape} heights is needed: {expected}"
         )
     good = np.isfinite(values) & (values > 0)
     good[0, 0] = np.isfinite(values[0, 0]) and values[0, 0] >= 0
@@ -150,41 +167,49 @@ def checked_symbol(compliance: NDArray[np.floating], shape: tuple[int, ...]) -> 
         raise InvalidScene(
             "compliance must be finite and positive in every mode but the mean"
         )
-    edges = [0] if grid[1] % 2 else [0, grid[1] // 2]
-    mirrored = values[:, edges][-np.arange(grid[0])]
-    if not np.allclose(values[:, edges], mirrored, rtol=1e-12, atol=0):
+    own_mirror_images = [0] if ny % 2 else [0, ny // 2]
+    columns = values[:, own_mirror_images]
+    mirrored = columns[-np.arange(nx)]
+    if not np.allclose(columns, mirrored, rtol=1e-12, atol=0):
         raise InvalidScene("compliance differs between a mode and its mirror image")
-    _require_gradual(values, grid)
-    return Symbol(values, np.arange(grid[0], dtype=np.int32), grid)
+    _require_gradual(values, (nx, ny))
+    return Symbol(values, np.arange(nx, dtype=np.int32), (nx, ny))
 
 
-def _require_gradual(values: FloatArray, grid: tuple[int, int]) -> None:
-    """Refuse a compliance that falls too fast from a wave to the one of half its
-    length: the pressures of short waves would be out of all proportion, and a solve
-    would not end.
+def _require_gradual(values: FloatArray, shape: tuple[int, int]) -> None:
+    """Raise InvalidScene if a compliance falls too fast to a wave of half the length.
+
+    The pressures of short waves would be out of all proportion, and a solve would not
+    end.
     """
-    nx, ny = grid
-    for name, (a, b) in {
-        "first axis": (1, 0),
-        "second axis": (0, 1),
-        "diagonal": (1, 1),
-    }.items():
-        k = np.arange(1, min(n // 2 for n, used in ((nx, a), (ny, b)) if used) + 1)
-        along = values[a * k, b * k]
-        fall = along[: k.size // 2] / along[1::2]
-        worst = int(np.argmax(fall)) if fall.size else 0
-        if fall.size and fall[worst] > STEEPEST:
-            raise InvalidScene(
-                f"compliance falls by a factor of {fall[worst]:.3g} from mode {worst + 1} to mode "
-                f"{2 * worst + 2} along the {name}, but the solver needs one that falls by at "
-                f"most {STEEPEST:g} from a wave to the one of half its length (a half-space's "
-                "falls by 2)"
-            )
+    nx, ny = shape
+    _require_gradual_along(values[1 : nx // 2 + 1, 0], "first axis")
+    _require_gradual_along(values[0, 1 : ny // 2 + 1], "second axis")
+    diagonal = np.arange(1, min(nx, ny) // 2 + 1)
+    _require_gradual_along(values[diagonal, diagonal], "diagonal")
 
 
-def checked_start(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """A user's start pressure as a float64 array, -inf where it is exactly 0.  A point
-    without pressure stays apart: rounding of the load would else bring it into contact.
+def _require_gradual_along(compliance: FloatArray, direction: str) -> None:
+    """Check compliances (modes,) from mode 1 on along a direction."""
+    count = compliance.size // 2
+    if not count:
+        return
+    fall = compliance[:count] / compliance[1::2]
+    worst = int(np.argmax(fall))
+    if fall[worst] > STEEPEST:
+        raise InvalidScene(
+            f"compliance falls by a factor of {fall[worst]:.3g} from mode {worst + 1} "
+            f"to mode {2 * worst + 2} along the {direction}, but the solver needs one "
+            f"that falls by at most {STEEPEST:g} from a wave to the one of half its "
+            "length (a half-space's falls by 2)"
+        )
+
+
+def start_pressure(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
+    """Check a user's start pressure (Pa); return it with -inf where it is exactly 0.
+
+    A point without pressure stays apart: rounding of the load would otherwise bring it
+    into contact.  Raises InvalidScene as `checked_field` does.
     """
     start = checked_field("start", given, shape, "finite pressures", -math.inf)
     return np.where(start == 0, -math.inf, start)
@@ -194,18 +219,19 @@ def checked_field(
     name: str,
     given: NDArray[np.floating],
     shape: tuple[int, ...],
-    right: str,
+    expected: str,
     least: float,
 ) -> FloatArray:
-    """A user's field as a float64 array, refused unless finite and nowhere below
-    `least`.
+    """Return a user's field as a new array of 64-bit floats.
+
+    Raises InvalidScene, which says that `expected` values are needed, unless the field
+    has the shape, is finite, and is nowhere below `least`.
     """
     values = array(name, given).copy()
-    if values.shape != shape or not (
-        np.isfinite(values).all() and values.min() >= least
-    ):
+    valid = values.shape == shape and np.isfinite(values).all()
+    if not (valid and values.min() >= least):
         raise InvalidScene(
-            f"{name} has shape {np.shape(given)}, but {right} in an array of shape {shape} are "
-            "needed"
+            f"{name} has shape {np.shape(given)}, but {expected} in an array of shape "
+            f"{shape} are needed"
         )
     return values

@@ -2,10 +2,10 @@
 
 Each grid starts from the solution on a grid of half as many points in each direction.
 Coarse heights are the fine ones without the modes that the coarse grid cannot hold.
-The coarse solution is passed on as p - c g, interpolated by cubics.  It is positive in
-contact, negative outside it and above the cap where the pressure is capped.  It crosses
-these bounds at the fronts, so the fine grid starts with fronts that are right to a
-fraction of a coarse cell.
+The coarse solution is passed on as p - c g, interpolated by cubics.  This field is
+positive in contact, negative outside it, and above the cap where the pressure is
+capped.  It crosses these bounds at the fronts, so the fronts with which the fine grid
+starts are right to a fraction of a coarse cell.
 """
 
 from __future__ import annotations
@@ -20,14 +20,20 @@ from numpy.typing import NDArray
 
 from epcontact.bem.baselines import BASELINES
 from epcontact.bem.bounds import project
-from epcontact.bem.level import Level, kkt_residuals, measured, put_on_bounds
+from epcontact.bem.level import (
+    Iterate,
+    Level,
+    kkt_residuals,
+    measure_iterate,
+    put_on_bounds,
+)
 from epcontact.bem.newton import solve_level
 from epcontact.bem.problem import (
     GridProblem,
     Options,
     PressureSolution,
-    checked_start,
-    checked_symbol,
+    start_pressure,
+    symbol_from_compliance,
 )
 from epcontact.bem.transforms import (
     BLOCK_POINTS,
@@ -48,7 +54,12 @@ from epcontact.scene import array, number, positive
 COARSEST = 64
 # Tolerances on the coarse grids.  With 1e-4 for the areas, finer grids took as many
 # steps; with 1e-2 they took more where there are many points a wavelength.
-_COARSE_AREAS, _COARSE_RESIDUAL = 1e-3, 1e-4
+_COARSE_AREAS = 1e-3
+_COARSE_RESIDUAL = 1e-4
+# Heights are shifted by their first value if it is more than this multiple of their
+# range, because a large datum would cost gaps digits.
+_FAR_DATUM = 10
+_POINTS_AT_ONCE = 65536  # of `interpolated`
 
 
 def solve_pressure(
@@ -92,34 +103,42 @@ def solve_pressure(
     h = array("heights", heights)
     if h.ndim not in (1, 2) or not np.isfinite(h).all():
         raise InvalidScene("heights must be a finite array of one or two dimensions")
-    cap = positive("hardness", hardness, "Pa", finite=False)
-    right = f"a number between 0 and the hardness of {cap:g} Pa"
-    load = number("mean_pressure", mean_pressure, right, lambda p: 0 < p < cap)
-    symbol = checked_symbol(compliance, h.shape)
+    hardness = positive("hardness", hardness, "Pa", finite=False)
+    expected = f"a number between 0 and the hardness of {hardness:g} Pa"
+    load = number("mean_pressure", mean_pressure, expected, lambda p: 0 < p < hardness)
+    symbol = symbol_from_compliance(compliance, h.shape)
     if start is not None:
-        start = checked_start(start, h.shape).reshape(symbol.shape)
-    problem = GridProblem(
-        np.ascontiguousarray(h).reshape(symbol.shape), symbol, load, cap
-    )
+        start = start_pressure(start, h.shape).reshape(symbol.shape)
+    grid_heights = np.ascontiguousarray(h).reshape(symbol.shape)
+    problem = GridProblem(grid_heights, symbol, load, hardness)
     solution = solve_problem(problem, options or Options(), start)
-    p, u = solution.pressure.reshape(h.shape), solution.displacement.reshape(h.shape)
-    return replace(solution, pressure=p, displacement=u)
+    return replace(
+        solution,
+        pressure=solution.pressure.reshape(h.shape),
+        displacement=solution.displacement.reshape(h.shape),
+    )
 
 
 def solve_problem(
     problem: GridProblem, options: Options, start: FloatArray | None = None
 ) -> PressureSolution:
-    """Solve from coarse to fine, or from a pressure `start` (nx, ny) in Pa."""
+    """Solve a grid problem with a mean pressure above 0.
+
+    start: (nx, ny) pressure in Pa to start from; None: start on coarser grids.  Raises
+    NotConverged if the tolerance is not met within the steps allowed.
+    """
     datum = float(problem.heights[0, 0])
-    if abs(datum) > 10 * float(np.ptp(problem.heights)):  # which would cost gaps digits
+    if abs(datum) > _FAR_DATUM * float(np.ptp(problem.heights)):
         problem = replace(problem, heights=problem.heights - datum)
     else:
         datum = 0.0
-    scale, cap, size = problem.gap_scale(), problem.cap, problem.heights.size
+    scale = problem.gap_scale()
+    cap = problem.cap
+    size = problem.heights.size
     with Workers(options.threads) as workers:
         coarse_work: list[float] = []
         if start is not None:
-            # No point can carry more than the whole load, and larger values would cost
+            # No point can carry more than the total load, and larger values would cost
             # digits.
             guess = np.clip(start / problem.mean_pressure, -size, min(cap, size))
         elif options.method == "newton":
@@ -128,77 +147,104 @@ def solve_problem(
             guess = np.ones(problem.symbol.shape)
         level = Level(problem, scale, workers)
         p = project(guess, cap, float(size), workers, out=guess)
-        it = BASELINES.get(options.method, solve_level)(level, p, options)
-        if put_on_bounds(level, it.p):
-            it.z, _, _ = measured(level, it.p, it.u)
-        residuals = kkt_residuals(level, it)
-    if not it.settled:
+        iterate = BASELINES.get(options.method, solve_level)(level, p, options)
+        if put_on_bounds(level, iterate.p):
+            iterate.z, _, _ = measure_iterate(level, iterate.p, iterate.u)
+        residuals = kkt_residuals(level, iterate)
+    if not iterate.settled:
         raise NotConverged(
-            f"{options.method} did not reach {options.tolerance:g} in {len(it.history) - 1} steps: "
+            f"{options.method} did not reach {options.tolerance:g} in "
+            f"{len(iterate.history) - 1} steps: "
             f"the largest residual is {max(residuals.values()):.1e}; "
             "give more steps or a larger tolerance",
             residuals,
-            tuple(it.history),
+            tuple(iterate.history),
         )
+    coarse_pairs = sum(work / size for work in coarse_work)
     counts = {
-        "newton": it.newton,
-        "cg": it.cg,
-        "gradient": it.gradient,
+        "newton": iterate.newton,
+        "cg": iterate.cg,
+        "gradient": iterate.gradient,
         "fft_pairs": level.convolution.pairs,
-        "equivalent_fft_pairs": it.pairs + sum(work / size for work in coarse_work),
+        "equivalent_fft_pairs": iterate.pairs + coarse_pairs,
         "levels": len(coarse_work) + 1,
     }
-    at_cap = it.p >= cap
-    it.p *= problem.mean_pressure
-    it.p[at_cap] = problem.hardness  # exactly, whatever the rounding of the cap
-    note = (
-        f"{it.cut} of {it.newton} Newton steps would have raised the energy and were "
-        f"cut short; {it.gradient} projected gradient steps followed them."
+    at_cap = iterate.p >= cap
+    iterate.p *= problem.mean_pressure
+    iterate.p[at_cap] = problem.hardness  # exactly, whatever the rounding of the cap
+    return PressureSolution(
+        iterate.p,
+        iterate.u,
+        iterate.z + datum,
+        residuals,
+        counts,
+        tuple(iterate.history),
+        _notes(iterate),
     )
-    history, notes = tuple(it.history), (note,) if it.cut else ()
-    return PressureSolution(it.p, it.u, it.z + datum, residuals, counts, history, notes)
+
+
+def _notes(iterate: Iterate) -> tuple[str, ...]:
+    """Return sentences about the fallbacks that a solve has taken."""
+    if not iterate.cut:
+        return ()
+    return (
+        f"{iterate.cut} of {iterate.newton} Newton steps would have raised the energy "
+        f"and were cut short; {iterate.gradient} projected gradient steps followed "
+        "them.",
+    )
 
 
 def _coarse_guess(
     problem: GridProblem, scale: float, options: Options, workers: Workers
 ) -> tuple[FloatArray, list[float]]:
-    """A start for a grid from the next coarser one, or a uniform one, and the work done
-    for it: the pairs of transforms of each grid times its points.
+    """Return a start for a grid from the next coarser one, and the work done for it.
+
+    The start (nx, ny) is in units of the mean pressure, and uniform if no grid is
+    coarser.  The work is the number of pairs of transforms of each coarser grid times
+    its points.  scale: length in m by which gap residuals are divided.
     """
-    below = coarser(problem.symbol)
-    if below is None:
+    shape = coarser(problem.symbol)
+    if shape is None:
         return np.ones(problem.symbol.shape), []
     coarse = replace(
         problem,
-        heights=coarsened_heights(problem.heights, below, workers),
-        symbol=problem.symbol.once(Symbol.coarsened, below),
+        heights=coarsened_heights(problem.heights, shape, workers),
+        symbol=problem.symbol.once(Symbol.coarsened, shape),
     )
     guess, work = _coarse_guess(coarse, scale, options, workers)
-    level, size = Level(coarse, scale, workers), coarse.heights.size
+    level = Level(coarse, scale, workers)
+    size = coarse.heights.size
     p = project(guess, level.cap, float(size), workers, out=guess)
-    tolerance = max(_COARSE_RESIDUAL, options.tolerance)
-    it = solve_level(
-        level, p, replace(options, tolerance=tolerance, area_tolerance=_COARSE_AREAS)
+    coarse_options = replace(
+        options,
+        tolerance=max(_COARSE_RESIDUAL, options.tolerance),
+        area_tolerance=_COARSE_AREAS,
     )
-    w = it.p - level.step * (it.u + it.z - coarse.heights)
-    return interpolated(w, problem.symbol.shape, workers), [*work, it.pairs * size]
+    iterate = solve_level(level, p, coarse_options)
+    gap = iterate.u + iterate.z - coarse.heights
+    field = iterate.p - level.step * gap
+    work.append(iterate.pairs * size)
+    return interpolated(field, problem.symbol.shape, workers), work
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:
-    """Halve each direction of more than COARSEST points; None if there is none.  Where
-    points are far apart along one axis, the other is halved alone as long as it can be.
+    """Return the shape of the next coarser grid; None if there is none.
+
+    Each direction of more than COARSEST points is halved.  If points are far apart
+    along one axis, the other axis is halved alone as long as it can be.
     """
-    (nx, ny), (x_far, y_far) = symbol.shape, symbol.far()
-    mx, my = (_half(n) if n > COARSEST else n for n in symbol.shape)
-    near = nx if x_far else mx, ny if y_far else my
-    chosen = (mx, my) if near == symbol.shape else near
-    return None if chosen == symbol.shape else chosen
+    nx, ny = symbol.shape
+    x_far, y_far = symbol.far()
+    half_x = _half(nx) if nx > COARSEST else nx
+    half_y = _half(ny) if ny > COARSEST else ny
+    shape = (nx if x_far else half_x, ny if y_far else half_y)
+    if shape == symbol.shape:
+        shape = (half_x, half_y)
+    return None if shape == symbol.shape else shape
 
 
 def _half(number: int) -> int:
-    """Half as many points, or a few more, so that large grids transform fast on all
-    levels.
-    """
+    """Return half as many points, or a few more, so that all levels transform fast."""
     half = (number + 1) // 2
     if half < 64 or number % 4 == 0:
         return half
@@ -208,25 +254,28 @@ def _half(number: int) -> int:
 def coarsened_heights(
     heights: FloatArray, shape: tuple[int, int], workers: Workers
 ) -> FloatArray:
-    """Heights on a coarser grid of the same periods, without the modes it cannot hold.
-    The unpaired mode of an even number of points is left out, too.
+    """Return heights on a coarser grid of the same periods.
+
+    They lack the modes that the coarse grid cannot hold, and the unpaired mode of an
+    even number of points.
     """
-    (nx, ny), (mx, my) = heights.shape, shape
-    kept_rows = (mx + 1) // 2 if mx < nx else mx
-    kept_columns = (my + 1) // 2 if my < ny else my // 2 + 1
-    fine = np.empty((nx, kept_columns), dtype=np.complex128)
+    nx, ny = heights.shape
+    mx, my = shape
+    rows_kept = (mx + 1) // 2 if mx < nx else mx
+    columns_kept = (my + 1) // 2 if my < ny else my // 2 + 1
+    fine = np.empty((nx, columns_kept), dtype=np.complex128)
     coarse = np.zeros((mx, my // 2 + 1), dtype=np.complex128)
     out = np.empty(shape)
-    step = max(1, BLOCK_POINTS // ny)
 
     def cut(block: ComplexArray, columns: slice) -> ComplexArray:
         target = coarse[:, columns]
-        target[:kept_rows] = block[:kept_rows]
-        if mx < nx and kept_rows > 1:
-            target[1 - kept_rows :] = block[1 - kept_rows :]
+        target[:rows_kept] = block[:rows_kept]
+        if mx < nx and rows_kept > 1:
+            target[1 - rows_kept :] = block[1 - rows_kept :]
         target /= nx * ny
         return target
 
+    step = max(1, BLOCK_POINTS // ny)
     rows = ranges(nx, step)
     workers.each(to_modes, split(heights, rows), split(fine, rows))
     through_columns(workers, fine, max(8, BLOCK_POINTS // (2 * nx)), cut)
@@ -238,13 +287,11 @@ def coarsened_heights(
 def interpolated(
     coarse: FloatArray, shape: tuple[int, ...], workers: Workers
 ) -> FloatArray:
-    """Interpolate a periodic field to a finer grid, by cubics through four points a
-    direction.
-    """
+    """Return a periodic field (mx, my) on a finer grid, by cubics of four points."""
     index, weights = _neighbours(coarse.shape[0], shape[0])
     columns, column_weights = _neighbours(coarse.shape[1], shape[1])
     out = np.empty(shape)
-    rows = ranges(shape[0], max(1, 65536 // shape[1]))
+    rows = ranges(shape[0], max(1, _POINTS_AT_ONCE // shape[1]))
     workers.each(
         interpolate,
         coarse,
@@ -258,8 +305,9 @@ def interpolated(
 
 
 def _neighbours(coarse: int, fine: int) -> tuple[NDArray[np.int32], FloatArray]:
-    """Four coarse neighbours of each fine point, periodically, and their cubic
-    weights.
+    """Return the four coarse neighbours of each fine point and their cubic weights.
+
+    coarse, fine: points of a period.  Both results are (fine, 4).
     """
     position = np.arange(fine) * (coarse / fine)
     left = np.floor(position).astype(np.int64)
@@ -283,15 +331,16 @@ def interpolate(
     column_weights: Any,
     out: Any,
 ) -> None:
-    """out[i, j] = the weighted sum of the 4 x 4 coarse neighbours."""
+    """Write the weighted sums of the 4 x 4 coarse neighbours of each point to `out`.
+
+    rows, row_weights: (rows of out, 4); columns, column_weights: (columns of out, 4).
+    """
     line = np.empty(coarse.shape[1])
     for i in range(out.shape[0]):
-        a, b, c, d = (
-            coarse[rows[i, 0]],
-            coarse[rows[i, 1]],
-            coarse[rows[i, 2]],
-            coarse[rows[i, 3]],
-        )
+        a = coarse[rows[i, 0]]
+        b = coarse[rows[i, 1]]
+        c = coarse[rows[i, 2]]
+        d = coarse[rows[i, 3]]
         w = row_weights[i]
         for j in range(line.size):
             line[j] = w[0] * a[j] + w[1] * b[j] + w[2] * c[j] + w[3] * d[j]

@@ -1,15 +1,14 @@
-"""Convolutions of a grid with a surface compliance, or with its inverse, by blocks of
-rows.
+"""Convolutions of a grid with a surface compliance, or its inverse, by blocks of rows.
 
-One application transforms the rows; then, for each block of columns while it is in
-cache, it transforms the columns, multiplies by the symbol and transforms them back;
-then the rows.  If a convolution is from listed points (the elastic set) to these
-points, each thread makes and reads the rows in a small buffer.  A grid that is in cache
-as a whole is transformed in one call.
+One application transforms the rows.  Then it transforms each block of columns,
+multiplies the block by the symbol and transforms it back, while the block is in cache.
+Then it transforms the rows back.  If a convolution is from listed points (the elastic
+set) to these points, each thread fills and reads the rows in a small buffer.  A grid
+that fits into cache is transformed in one call.
 
-Each transform handles a fixed block on one thread: the library's own threads would
+Each transform handles a fixed block on one thread.  The library's own threads would
 group lines by the number of threads, and the last digits of a result would depend on
-it.
+this number.
 """
 
 from __future__ import annotations
@@ -31,21 +30,25 @@ IntArray = NDArray[np.signedinteger]
 RealArray = NDArray[np.floating]  # float64, or float32 in single precision
 ComplexArray = NDArray[np.complexfloating]
 Axes = tuple[int, ...]  # of a transform of each row, or of rows and columns
-ROWS, BOTH = (1,), (0, 1)
+ROWS = (1,)
+BOTH = (0, 1)
 #: Points of a block of rows or columns: 4 MiB of reals are near a core, and a pass over
 #: them takes ten times as long as a request to a thread.
 BLOCK_POINTS = 524288
-#: Points up to which a symbol keeps what follows from it: on 128 x 128 points it takes
-#: a sixth of a solve, on larger grids little, and memory.
+#: Points up to which a symbol caches what is computed from it.  On 128 x 128 points
+#: this computation takes a sixth of a solve; on larger grids it takes little time, and
+#: the cache much memory.
 KEPT_POINTS = 1 << 20
-# Points are far apart if the shortest wave along their axis is this much more compliant
-# than the other's.
+# Points are far apart along an axis if the shortest wave along it is more compliant by
+# this factor than the shortest wave along the other axis.
 _OBLONG = 2.0
 # Columns beside those of a buffer: rows a power of two apart would share a part of the
 # cache.
 _PAD = 16
-# Fields of cells are small: smaller blocks leave work for every thread.
+# Points of a block of cells.  Fields of cells are small, and smaller blocks leave work
+# for every thread.
 _FILTER_POINTS = 65536
+_NARROWEST_BLOCK = 8  # columns
 
 
 def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
@@ -59,8 +62,9 @@ def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
 def to_values(
     modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS
 ) -> None:
-    """Transform each row of `modes` back into `values`; inorm 2 divides by the number
-    of points.
+    """Transform each row of `modes` back into `values`; `modes` is overwritten.
+
+    inorm: 2 divides by the number of points, 0 does not.
     """
     ducc0.fft.c2r(
         modes,
@@ -81,8 +85,15 @@ def through_columns(
     change: Callable[[ComplexArray, slice], ComplexArray],
     inorm: int = 0,
 ) -> None:
-    """Transform the columns of `modes`, `step` at a time, and transform back what
-    `change` returns. It is called with the block and its columns.
+    """Transform the columns of `modes`, change them, and transform them back in place.
+
+    Args:
+        workers: threads that share the blocks of columns.
+        modes: (nx, columns).
+        step: columns of a block.
+        change: called with each transformed block and the slice of its columns; what it
+            returns is transformed back.
+        inorm: 2 divides by the number of rows, 0 does not.
     """
 
     def through(columns: slice) -> None:
@@ -99,14 +110,15 @@ def through_columns(
 
 
 def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
-    """`values` (mx, my) with each mode of its real transform times `modes` (mx, my // 2
-    + 1).
+    """Return `values` (mx, my) with each mode of their transform times `modes`.
+
+    modes: (mx, my // 2 + 1) factors.
     """
     mx, my = values.shape
     if values.size <= _FILTER_POINTS:
         small = ducc0.fft.r2c(values, axes=BOTH, nthreads=1)
         small *= modes
-        found: FloatArray = ducc0.fft.c2r(
+        small_out: FloatArray = ducc0.fft.c2r(
             small,
             axes=BOTH,
             lastsize=my,
@@ -115,7 +127,7 @@ def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatAr
             nthreads=1,
             allow_overwriting_input=True,
         )
-        return found
+        return small_out
     rows = ranges(mx, max(1, _FILTER_POINTS // my))
     spectrum = np.empty(modes.shape, dtype=np.complex128)
     out = np.empty((mx, my))
@@ -124,79 +136,93 @@ def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatAr
         block *= modes[:, columns]
         return block
 
+    step = max(_NARROWEST_BLOCK, _FILTER_POINTS // mx)
     workers.each(to_modes, split(values, rows), split(spectrum, rows))
-    through_columns(workers, spectrum, max(8, _FILTER_POINTS // mx), change, inorm=2)
+    through_columns(workers, spectrum, step, change, inorm=2)
     workers.each(to_values, split(spectrum, rows), split(out, rows), 2)
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class Symbol:
-    """A compliance per mode: mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j],
-    in m/Pa.
+    """A compliance for each mode.
+
+    Attributes:
+        values: in m/Pa; mode (i, j) of `numpy.fft.rfft2` has values[rows[i], j].
+        rows: (nx,) row of `values` for each mode along the first axis.
+        shape: (nx, ny) points of the grid.
     """
 
     values: FloatArray
     rows: IntArray
     shape: tuple[int, int]
-    _known: dict[Any, Any] = field(default_factory=dict, repr=False)
+    _cache: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
-        """function(self, *arguments), up to KEPT_POINTS computed at the first call
-        only.  So it serves all loads of a path, and all surfaces of an ensemble.
+        """Return function(self, *arguments), up to KEPT_POINTS from a cache.
+
+        So one result serves all loads of a path and all surfaces of an ensemble.
         """
-        key = function, *arguments
-        found: T = (
-            self._known[key] if key in self._known else function(self, *arguments)
-        )
+        key = (function, *arguments)
+        if key in self._cache:
+            result: T = self._cache[key]
+        else:
+            result = function(self, *arguments)
         if self.shape[0] * self.shape[1] <= KEPT_POINTS:
-            self._known[key] = found
-        return found
+            self._cache[key] = result
+        return result
 
     @classmethod
     def from_quarter(cls, values: FloatArray, shape: tuple[int, int]) -> Symbol:
-        """The symbol of a compliance given on the non-negative quarter of the modes."""
+        """Return the symbol of a compliance on the non-negative quarter of the modes.
+
+        values: (nx // 2 + 1, ny // 2 + 1) in m/Pa.
+        """
         i = np.arange(shape[0])
         return cls(values, np.minimum(i, shape[0] - i).astype(np.int32), shape)
 
     def coarsened(self, shape: tuple[int, int]) -> Symbol:
-        """The symbol of the same body on a coarser grid of the same periods."""
+        """Return the symbol of the same body on a coarser grid of the same periods."""
         i = np.fft.fftfreq(shape[0], 1 / shape[0]).astype(int)
         values = np.ascontiguousarray(self.values[:, : shape[1] // 2 + 1])
         return Symbol(values, self.rows[i], shape)
 
     def shortest(self) -> float:
-        """The compliance of the shortest wave along an axis, the larger of the two, in
-        m/Pa.
-        """
-        return max(self._ends())
+        """Return the larger compliance (m/Pa) of the shortest waves along the axes."""
+        return max(self._shortest_waves())
 
     def oblong(self) -> float:
-        """The compliance of the shortest wave along the second axis by that along the
-        first.  On the half-space this is the ratio of the spacings, and on a line 0.
+        """Return the compliance of the shortest wave along y by that along x.
+
+        On the half-space this is the ratio of the spacings dy/dx, and on a line 0.
         """
-        across, along = self._ends()
-        return along / across if across > 0 else 0.0
+        first, second = self._shortest_waves()
+        return second / first if first > 0 else 0.0
 
     def far(self) -> tuple[bool, bool]:
-        """True for each axis along which points are far apart beside those along the
-        other.
+        """Return, for each axis, whether points along it are far apart.
+
+        They are compared with those along the other axis.
         """
         return self.oblong() < 1 / _OBLONG, self.oblong() > _OBLONG
 
-    def _ends(self) -> tuple[float, float]:
+    def _shortest_waves(self) -> tuple[float, float]:
+        """Return the compliances (m/Pa) of the shortest waves along both axes."""
         nx, ny = self.shape
-        across = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
-        return float(across), float(self.values[self.rows[0], ny // 2])
+        first = self.values[self.rows[nx // 2], 0] if nx > 1 else 0.0
+        return float(first), float(self.values[self.rows[0], ny // 2])
 
     def sampled(
         self, most: int
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """A quarter of the modes on a raster of at most `most` modes in each direction.
-        Their values, and each direction's phases per point and weights in a mean of
-        all.
+        """Return values on a raster of a quarter of the modes, a copy.
+
+        Each direction's phases per point, and its weights in a mean over all modes,
+        follow.  most: largest number of modes of a full period in each direction.
         """
-        at, phases, weights = [], [], []
+        at = []
+        phases = []
+        weights = []
         for n in self.shape:
             count = min(n, most)
             k = np.arange(count // 2 + 1)
@@ -209,21 +235,32 @@ class Symbol:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Flat indices of listed points, ascending, and the part of them in each block of
-    rows.
+    """Listed points of a grid.
+
+    Attributes:
+        index: (points,) their flat indices, ascending.
+        parts: the range of these points in each block of rows.
     """
 
     index: IntArray
     parts: list[slice]
 
     def split(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """The views by block of each array, which has one value for each point."""
+        """Return, for each array (points,), its views by block."""
         return [split(array, self.parts) for array in arrays]
 
 
 class Convolution:
-    """Applies a symbol, times `scale`, but 0 in mode zero, or its inverse; counts its
-    `pairs`.
+    """Applies a symbol times a scale, or its inverse, with 0 in mode zero.
+
+    Attributes:
+        symbol: the compliance.
+        shape: (nx, ny) points of the grid.
+        scale: factor of the symbol.
+        workers: threads of the transforms.
+        pairs: number of applications so far, each a transform and one back.
+        row_step: rows of a block.
+        rows: the blocks of rows.
     """
 
     def __init__(
@@ -234,27 +271,34 @@ class Convolution:
         dtype: type = np.float64,
         modes: ComplexArray | None = None,
     ) -> None:
-        nx, ny = self.shape = symbol.shape
-        self.symbol, self.scale, self.workers, self.pairs = symbol, scale, workers, 0
+        """Create the convolution.
+
+        dtype: of the fields, float64 or float32; modes: (nx, ny // 2 + 1) memory for
+        the modes; None: new memory.
+        """
+        nx, ny = symbol.shape
+        self.shape = symbol.shape
+        self.symbol = symbol
+        self.scale = scale
+        self.workers = workers
+        self.pairs = 0
         self.row_step = max(1, min(nx, BLOCK_POINTS // ny))
         self.rows = ranges(nx, self.row_step)
         if modes is None:
             modes = np.empty((nx, ny // 2 + 1), np.result_type(dtype, np.complex64))
-        self._dtype, self._modes, self._local = (
-            np.dtype(dtype),
-            modes,
-            threading.local(),
-        )
+        self._dtype = np.dtype(dtype)
+        self._modes = modes
+        self._local = threading.local()
         self._axes: Axes = BOTH if nx == self.row_step > 1 else ROWS
 
     def in_single_precision(self) -> Convolution:
-        """The same in single precision, at half the cost and in the same memory."""
+        """Return it in single precision, at half the cost and in the same memory."""
         modes = self._modes.reshape(-1).view(np.complex64)[: self._modes.size]
         modes = modes.reshape(self._modes.shape)
         return single_precision(self.symbol, self.scale, self.workers, modes)
 
     def apply(self, values: RealArray, out: RealArray) -> None:
-        """out = S values on the whole grid; both (nx, ny)."""
+        """Write S values to `out`; both are (nx, ny) and may be the same array."""
         modes = split(self._modes, self.rows)
         self.workers.each(to_modes, split(values, self.rows), modes, self._axes)
         self._multiply(inverse=False)
@@ -268,32 +312,38 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """out = S, or its inverse, of a field that is `values` at the points and 0
-        elsewhere. Returns sum(out) and sum(out other).
+        """Write S values, or its inverse, at the points to `out`; all are (points,).
+
+        The field that S is applied to is 0 elsewhere.  Returns sum(out) and sum(out
+        other).
         """
-        index, values_, out_, other_ = points.split(points.index, values, out, other)
+        index, value_blocks, out_blocks, other_blocks = points.split(
+            points.index, values, out, other
+        )
         first = [rows.start * self.shape[1] for rows in self.rows]
         modes = split(self._modes, self.rows)
-        self.workers.each(self._forward, modes, first, index, values_)
+        self.workers.each(self._forward, modes, first, index, value_blocks)
         self._multiply(inverse)
         total, product = self.workers.total(
-            self._backward, modes, first, index, out_, other_
+            self._backward, modes, first, index, out_blocks, other_blocks
         )
         return total, product
 
     def _forward(self, modes: ComplexArray, *points: Any) -> None:
+        """Transform a block of rows from its points, the arguments of `scatter`."""
         block = self._buffer(len(modes))
         scatter(block, *points)
         to_modes(block, modes, self._axes)
 
     def _backward(self, modes: ComplexArray, *points: Any) -> tuple[float, float]:
+        """Transform a block of rows back to points, the arguments of `gather_dot`."""
         block = self._buffer(len(modes))
         to_values(modes, block, 0, self._axes)
         total, product = gather_dot(block, *points)
         return total, product
 
     def _buffer(self, rows: int) -> RealArray:
-        """This thread's buffer for some rows of the grid."""
+        """Return this thread's buffer for some rows of the grid."""
         if not hasattr(self._local, "buffer"):
             width = self.shape[1] + _PAD
             self._local.buffer = np.empty((self.row_step, width), dtype=self._dtype)
@@ -301,18 +351,18 @@ class Convolution:
         return buffer
 
     def _multiply(self, inverse: bool) -> None:
-        (nx, ny), symbol = self.shape, self.symbol
-        factor = self._dtype.type(
-            (1 / self.scale if inverse else self.scale) / (nx * ny)
-        )
+        """Multiply the modes by the symbol, or divide by it, through the columns."""
+        nx, ny = self.shape
+        symbol = self.symbol
+        scale = 1 / self.scale if inverse else self.scale
+        factor = self._dtype.type(scale / (nx * ny))
         reals = self._modes.view(self._dtype)
 
         def change(block: ComplexArray, columns: slice) -> ComplexArray:
             if inverse:
                 values = symbol.values[symbol.rows, columns]
-                block *= np.divide(
-                    factor, values, out=np.zeros_like(values), where=values > 0
-                )
+                zeros = np.zeros_like(values)
+                block *= np.divide(factor, values, out=zeros, where=values > 0)
             else:
                 multiply(
                     reals,
@@ -326,10 +376,11 @@ class Convolution:
                 block[0, 0] = 0.0
             return block
 
-        step = max(8, min(ny // 2 + 1, BLOCK_POINTS // (2 * nx)))
         if self._axes == BOTH:
             change(self._modes, slice(0, ny // 2 + 1))
         else:
+            step = min(ny // 2 + 1, BLOCK_POINTS // (2 * nx))
+            step = max(_NARROWEST_BLOCK, step)
             through_columns(self.workers, self._modes, step, change)
         self.pairs += 1
 
@@ -337,14 +388,17 @@ class Convolution:
 def single_precision(
     symbol: Symbol, scale: float, workers: Workers, modes: ComplexArray | None = None
 ) -> Convolution:
-    """The convolution of a symbol in single precision, the symbol brought to order
-    one.
+    """Return the convolution of a symbol times `scale` in single precision.
+
+    The symbol is brought to order one, so that it does not underflow.  modes: (nx, ny
+    // 2 + 1) memory; None: new memory.
     """
     single, largest = symbol.once(_single)
     return Convolution(single, scale * largest, workers, np.float32, modes)
 
 
 def _single(symbol: Symbol) -> tuple[Symbol, float]:
+    """Return the symbol by its largest value in single precision, and this value."""
     largest = float(symbol.values.max())
     values: Any = (symbol.values / largest).astype(np.float32)
     return Symbol(values, symbol.rows, symbol.shape), largest
@@ -354,7 +408,10 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 def multiply(
     modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int
 ) -> None:
-    """modes[i] *= factor symbol[rows[i]] in a range of columns of complex numbers."""
+    """Multiply modes[i] by factor symbol[rows[i]] in a range of columns.
+
+    modes: (nx, 2 columns) the real and imaginary parts.
+    """
     for i in range(modes.shape[0]):
         row = rows[i]
         for j in range(start, stop):
@@ -365,9 +422,10 @@ def multiply(
 
 @compiled
 def scatter(block: Any, first: int, index: Any, values: Any) -> None:
-    """block[index - first] = values, and block = 0 elsewhere."""
+    """Write values to a block at the flat indices index - first, and 0 elsewhere."""
     block[:] = 0.0
-    columns, row, begin, end = block.shape[1], 0, 0, 0
+    columns = block.shape[1]
+    row = begin = end = 0
     for k in range(index.size):
         if index[k] >= end:
             row = (index[k] - first) // columns
@@ -380,9 +438,13 @@ def scatter(block: Any, first: int, index: Any, values: Any) -> None:
 def gather_dot(
     block: Any, first: int, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """out = block[index - first]; returns sum(out) and sum(out other)."""
+    """Write a block's values at the flat indices index - first to `out`.
+
+    Returns sum(out) and sum(out other).
+    """
     total = product = 0.0
-    columns, row, begin, end = block.shape[1], 0, 0, 0
+    columns = block.shape[1]
+    row = begin = end = 0
     for k in range(index.size):
         if index[k] >= end:
             row = (index[k] - first) // columns

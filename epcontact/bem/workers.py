@@ -1,9 +1,9 @@
 """Compiled passes over a grid, run block by block on a few threads.
 
 A pass is a compiled function that works on one block of its arrays and releases the
-interpreter's lock.  `Workers` calls it for every block of a fixed partition and adds up
-what the calls return in the order of the blocks, so a result has the same bits on any
-number of threads.
+interpreter's lock.  `Workers` calls it for every block of a fixed partition, and adds
+up the results of the calls in the order of the blocks.  So a result has the same bits
+on any number of threads.
 """
 
 from __future__ import annotations
@@ -37,17 +37,20 @@ compiled = numba.njit(**OPTIONS)
 
 
 def ranges(size: int, step: int) -> list[slice]:
-    """Cut 0 to `size` into ranges of `step`; the last one may be shorter."""
+    """Return the ranges of `step` that make up 0 to `size`; the last may be shorter."""
     return [slice(start, min(start + step, size)) for start in range(0, size, step)]
 
 
 def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
-    """A view of the array for each part; a single part is the array itself."""
-    return [array] if len(parts) == 1 else [array[part] for part in parts]
+    """Return a view of the array for each part; a single part is the array itself."""
+    if len(parts) == 1:
+        return [array]
+    return [array[part] for part in parts]
 
 
 class Workers:
     """The threads that share the blocks of one solve, to be used as a context manager.
+
     A list among the arguments of `each` and `total` has one item for each block; any
     other argument is passed to every call.
     """
@@ -64,23 +67,27 @@ class Workers:
             self._pool.shutdown()
 
     def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
-        """The results of `task` for every block, in the order of the blocks."""
-        blocks = len(next(a for a in arguments if type(a) is list))
+        """Return the results of `task` for every block, in the order of the blocks.
+
+        An error of a task is raised once all threads have stopped.
+        """
+        blocks = next(len(one) for one in arguments if type(one) is list)
         if blocks == 1:  # on a small grid the calls themselves cost most
             return [task(*[a[0] if type(a) is list else a for a in arguments])]
         columns = [a if type(a) is list else repeat(a) for a in arguments]
         if self._pool is None:
             return list(map(task, *columns))
         # This thread works, too, and each of the others takes blocks for one request.
+        # A None for each thread tells it to stop.
         helpers = min(self._helpers, blocks - 1)
         waiting = deque(
             [*enumerate(zip(*columns, strict=False)), *repeat(None, helpers + 1)]
         )
-        found: dict[int, T] = {}
+        results: dict[int, T] = {}
 
         def work() -> None:
             for number, block in iter(waiting.popleft, None):
-                found[number] = task(*block)
+                results[number] = task(*block)
 
         requests = [self._pool.submit(work) for _ in range(helpers)]
         try:
@@ -89,13 +96,13 @@ class Workers:
             wait(requests)
         for request in requests:
             request.result()
-        return [found[number] for number in range(blocks)]
+        return [results[number] for number in range(blocks)]
 
     def total(
         self, task: Callable[..., tuple[Any, ...]], *arguments: Any
     ) -> tuple[Any, ...]:
-        """The sum over the blocks of each number that `task` returns."""
-        found = self.each(task, *arguments)
-        if len(found) == 1:
-            return found[0]
-        return tuple(sum(column) for column in zip(*found, strict=True))
+        """Return the sums over the blocks of the numbers in the tuples of `task`."""
+        parts = self.each(task, *arguments)
+        if len(parts) == 1:
+            return parts[0]
+        return tuple(sum(column) for column in zip(*parts, strict=True))

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from epcontact.cli.listing import open_console, print_rows, table_of
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.harness.verdict import compare as comparing
 from epcontact.harness.verdict.compare import KEPT, Comparison, keep, read_figures
 from epcontact.studies import STUDIES, save_charts
@@ -57,7 +57,7 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, kept: Path | None) -
     found = comparing.compare(read_figures((KEPT, *verdicts)[-2]), figures)
     if table is not None:
         names = [*comparing.ROW, "value_old", "value_new", "error", "moved"]
-        with whole_file(table) as file:
+        with atomic_write(table) as file:
             found.moved[names].to_csv(file, index=False)
     _show(found)
     sys.exit(found.exit_code)

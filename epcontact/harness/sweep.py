@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
-from epcontact.files import path_inside, read_bytes, whole_file, write_json
+from epcontact.files import atomic_write, path_inside, read_bytes, write_json
 from epcontact.harness.answers.run import Run, run_tasks, tasks_of
 from epcontact.harness.answers.store import Task, key_of, load_rows, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
@@ -199,7 +199,7 @@ def run_sweep(
         name: (load_rows(each, names), str(len(each))) for name, each in groups.items()
     }
     found = table(folder)
-    with whole_file(folder / "sweep.csv") as temporary:
+    with atomic_write(folder / "sweep.csv") as temporary:
         found.to_csv(temporary, index=False)
     fields = {
         t.fields: f"{t.words}, {t.method.name}" for t in tasks if t.fields is not None

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from epcontact.errors import OutputError
-from epcontact.files import path_inside, read_bytes, whole_file, write_bytes
+from epcontact.files import atomic_write, path_inside, read_bytes, write_bytes
 from epcontact.output.charts.maps import pressure_difference, profiles
 from epcontact.output.vtk import read_fields
 
@@ -46,7 +46,7 @@ def screenshot(
     """
     source = find_result(result)
     _require_ending(picture, "a screenshot", ".png")
-    with whole_file(picture) as temporary:
+    with atomic_write(picture) as temporary:
         _draw([source], size, factor)[0].save(temporary)
 
 
@@ -96,7 +96,7 @@ def animate(
             "a film needs the load steps of one .pvd, or .vti or .vtu files alone"
         )
     write = _write_gif if Path(film).suffix.lower() == ".gif" else _write_mp4
-    with whole_file(film) as temporary:
+    with atomic_write(film) as temporary:
         write(temporary, _draw(sources, size, factor), frames_per_second)
 
 

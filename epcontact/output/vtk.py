@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.errors import OutputError
-from epcontact.files import read_bytes, whole_file
+from epcontact.files import atomic_write, read_bytes
 from epcontact.results import ContactResult
 from epcontact.scene import Surface
 
@@ -157,7 +157,7 @@ def write_image(
     told = {name: _stored(value) for name, value in {**attributes, **named}.items()}
     real = "<f4" if precision == "single" else "<f8"
     kinds = {name: np.dtype("|u1" if name in BYTES else real) for name in planes}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         file.write(_head(planes, kinds, spacing, told).encode())
         for values in told.values():
             file.write(np.array(values.nbytes, "<u8").tobytes() + values.tobytes())

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.persson.elastoplastic import areas, boundary_slopes
 from epcontact.results import FloatArray
-from epcontact.scene import array, number, require_one_of, settle
+from epcontact.scene import array, number, require_one_of, set_frozen
 
 Rule = Literal["constant", "persson", "wang_muser", "xu", "local"]
 
@@ -71,7 +71,7 @@ class EnergyReduction:
         gamma = number(
             "energy_reduction", self.gamma, expected, lambda v: least < v <= 1
         )
-        settle(self, gamma=gamma)
+        set_frozen(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
         """Return S at a relative contact area; for the rule "xu", the factor G / tau.

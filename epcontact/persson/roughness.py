@@ -22,9 +22,9 @@ from epcontact.results import FloatArray
 from epcontact.scene import (
     SelfAffineSpectrum,
     Surface,
+    integer,
     require_kind,
     require_one_of,
-    whole,
 )
 from epcontact.surfaces.power_spectrum import cumulative_slope_variance, radial_spectrum
 from epcontact.surfaces.spectrum import slope_variance_up_to, spectral_moment
@@ -83,7 +83,7 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
         0.100000 100000 1.6e+06
     """
     require_kind("spectrum", spectrum, SelfAffineSpectrum)
-    bands = whole("bands", bands, 1)
+    bands = integer("bands", bands, 1)
     q0 = spectrum.wavenumber_low
     q1 = spectrum.wavenumber_high
     edges = q0 * np.exp(np.linspace(0, 1, bands + 1) ** 2 * math.log(q1 / q0))

@@ -30,7 +30,7 @@ from epcontact.persson.reduction import (
 )
 from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
-from epcontact.scene import Scene, array, check_loading, require_kind, whole
+from epcontact.scene import Scene, array, check_loading, integer, require_kind
 
 #: An elastic distribution is tabulated up to the mean pressure + 12 sqrt(G), where it
 #: has fallen by exp(-12^2 / 4) = 2e-16.
@@ -115,7 +115,7 @@ def pressure_curve(
         last = hardness
     else:
         last = mean_pressure + _TAIL * math.sqrt(diffusion)
-    pressure = np.linspace(0.0, last, whole("points", points, 2))
+    pressure = np.linspace(0.0, last, integer("points", points, 2))
     density = pressure_density(pressure, diffusion, mean_pressure, hardness)
     cumulative = pressure_cumulative(pressure, diffusion, mean_pressure, hardness)
     return PressureCurve(pressure, density, cumulative, plastic)

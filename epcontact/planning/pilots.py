@@ -1,6 +1,6 @@
 """Pilots: cheap solves that estimate the error and cost of every candidate grid.
 
-The coarsest grids of the ladder are solved.  The relative error that their areas claim
+The coarsest grids of the ladder are solved.  The relative error estimate of their areas
 is extrapolated to finer grids by its observed order, and the number of transforms by
 the number of points.  A candidate is a grid with the number of surfaces that it would
 need.
@@ -20,16 +20,17 @@ from epcontact.harness.gates import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.machine import available_cores
 from epcontact.planning.grids import ladder, on_grid
-from epcontact.results import Areas
+from epcontact.results import Areas, ContactResult
 from epcontact.surfaces import Recipe
 from fem_check.mesh import half_space_depth
 
+#: Largest number of surfaces that a plan asks for, and that pilots solve.
 MOST_SURFACES = 1000
 PILOT_SURFACES = 8
-#: Largest work of all pilots together, as a share of the work of the given case.
-PILOT_SHARE = 0.2
-#: Increments that are tried on a plastic body; the last are the reference of the
-#: others.
+#: Largest work of all pilots together, as a fraction of the work of the given case.
+PILOT_FRACTION = 0.2
+#: Numbers of increments that are tried on a plastic body; the others are compared with
+#: the last.
 STEPS = (5, 10, 20, 80)
 
 #: A function that solves one recipe; further keywords are options of the method.
@@ -37,20 +38,36 @@ Solver = Callable[..., "Pilot"]
 
 
 class Pilot(NamedTuple):
-    """One solve of one surface."""
+    """One solve of one surface.
+
+    Attributes:
+        shape: Shape of the grid.
+        areas: Corrected areas at one load.
+        error: Largest relative error estimate of the wanted parts of the area.
+        raw_error: The same for raw areas.
+        work: FFT pairs, or sweeps over the unknowns, times points.
+        notes: Notes on the surface.
+        step: Number of the load whose areas these are.
+    """
 
     shape: tuple[int, ...]
     areas: Areas
-    error: float  # the largest relative one of the parts wanted
-    raw_error: float  # the same of raw areas
-    work: float  # FFT pairs, or sweeps over the unknowns, times points
+    error: float
+    raw_error: float
+    work: float
     notes: tuple[str, ...] = ()
-    step: int = -1  # number of the load whose areas these are
+    step: int = -1
 
 
 class Candidate(NamedTuple):
-    """A grid with the number of surfaces it needs, its relative errors and the cost of
-    all.
+    """A grid with the number of surfaces that it needs.
+
+    Attributes:
+        shape: Shape of the grid.
+        surfaces: Number of surfaces.
+        grid_error: Relative error of the areas by the grid.
+        scatter: Relative half-width of the 95 % interval of the mean over surfaces.
+        work: FFT pairs, or sweeps over the unknowns, times points, of all surfaces.
     """
 
     shape: tuple[int, ...]
@@ -61,11 +78,11 @@ class Candidate(NamedTuple):
 
     @property
     def error(self) -> float:
-        """The combined error of grid and scatter."""
+        """The combined relative error of grid and scatter."""
         return math.hypot(self.grid_error, self.scatter)
 
 
-#: Options of a quick solve, which only has to show the areas.
+#: Options of a quick solve, from which only the areas are wanted.
 _QUICK: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
 
 
@@ -78,134 +95,187 @@ def solve_pilot(
     step: int | None = None,
     **options: Any,
 ) -> Pilot:
-    """Solve the case on one surface roughly; None: the step whose area is the hardest
-    to find.
+    """Solve a case on one surface roughly.
+
+    Args:
+        case: The case.
+        recipe: The surface, on any grid.
+        method: Name of the method.
+        parts: Parts of the area whose errors are wanted: total, elastic, plastic.
+        threads: Number of threads; None: all cores.
+        step: Number of the load whose areas are wanted; None: the load whose total area
+            has the largest relative error estimate.
+        options: Options of the method, beside those of the case.
     """
-    given = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
     scene = case.scene(recipe)
-    result = METHODS[method].solve(scene, given, threads or available_cores())
+    all_options = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
+    result = METHODS[method].solve(scene, all_options, threads or available_cores())
     if step is None:
-        claims = [
-            one.areas["error"].total / (one.areas["corrected"].total or math.inf)
-            for one in result.steps
-        ]
-        step = int(np.argmax(claims))
-    areas, counts = result.steps[step].areas, result.final.iterations
-    best, errors, raw_errors = areas["corrected"], [math.nan], [math.nan]
+        step = _least_accurate_step(result)
+    areas = result.steps[step].areas
+    corrected = areas["corrected"]
+    errors = [math.nan]
+    raw_errors = [math.nan]
     for part in parts:
-        if area := getattr(
-            best, part
-        ):  # a part that does not exist has no relative error
-            errors.append(getattr(areas["error"], part) / area)
-            raw_errors.append(
-                abs(getattr(areas["raw"], part) - area) / area + errors[-1]
-            )
-    sweeps = result.cost.get("equivalent_fft_pairs") or sum(
-        counts.get(name, 0) for name in ("cg", "newton", "sweeps")
+        area = getattr(corrected, part)
+        if area:  # a part that does not exist has no relative error
+            error = getattr(areas["error"], part) / area
+            correction = abs(getattr(areas["raw"], part) - area) / area
+            errors.append(error)
+            raw_errors.append(correction + error)
+    sweeps = result.cost.get("equivalent_fft_pairs")
+    if not sweeps:
+        counts = result.final.iterations
+        sweeps = sum(counts.get(name, 0) for name in ("cg", "newton", "sweeps"))
+    return Pilot(
+        shape=recipe.shape,
+        areas=corrected,
+        error=float(np.fmax.reduce(errors)),
+        raw_error=float(np.fmax.reduce(raw_errors)),
+        work=sweeps * result.cost["unknowns"],
+        notes=scene.surface.notes,
+        step=step,
     )
-    largest, raw = float(np.fmax.reduce(errors)), float(np.fmax.reduce(raw_errors))
-    work = sweeps * result.cost["unknowns"]
-    return Pilot(recipe.shape, best, largest, raw, work, scene.surface.notes, step)
 
 
-def carried_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the relative error on a grid: its own, or by the order of the two finest
-    solved ones. That order is between 1 and 2: a rim's random position has the order 1,
-    its curvature 2.
+def _least_accurate_step(result: ContactResult) -> int:
+    """Return the number of the load whose area has the largest relative error."""
+    errors = []
+    for step in result.steps:
+        area = step.areas["corrected"].total
+        errors.append(step.areas["error"].total / (area or math.inf))
+    return int(np.argmax(errors))
+
+
+def estimate_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
+    """Return the relative error on a grid, solved or extrapolated.
+
+    It is extrapolated by the order between the two finest solved grids, which is
+    limited to 1 to 2: the random position of a rim has the order 1, its curvature 2.
+
+    Args:
+        pilots: Solves on at least one grid.
+        shape: Shape of the grid.
     """
-    level: dict[tuple[int, ...], float] = {}
+    errors: dict[tuple[int, ...], float] = {}
     for pilot in pilots:
-        level[pilot.shape] = max(level.get(pilot.shape, 0.0), pilot.error)
-    if shape in level:
-        return level[shape]
-    finest, *coarser = sorted(level, key=math.prod, reverse=True)
+        errors[pilot.shape] = max(errors.get(pilot.shape, 0.0), pilot.error)
+    if shape in errors:
+        return errors[shape]
+    finest, *coarser = sorted(errors, key=math.prod, reverse=True)
     order = 1.0
-    if coarser and level[finest] > 0 and level[coarser[0]] > 0:
-        order = math.log(level[coarser[0]] / level[finest]) / math.log(
-            finest[0] / coarser[0][0]
-        )
-    return level[finest] * math.pow(finest[0] / shape[0], min(max(order, 1.0), 2.0))
+    if coarser and errors[finest] > 0 and errors[coarser[0]] > 0:
+        error_ratio = errors[coarser[0]] / errors[finest]
+        order = math.log(error_ratio) / math.log(finest[0] / coarser[0][0])
+    order = min(max(order, 1.0), 2.0)
+    return errors[finest] * math.pow(finest[0] / shape[0], order)
 
 
-def carried_work(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the work of a solve on a grid, scaled by points from the finest solved
-    grid.
+def estimate_work(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
+    """Return the work of a solve on a grid, solved or scaled by the number of points.
+
+    The work is in FFT pairs, or sweeps over the unknowns, times points.
     """
-    finest = max((p.shape for p in pilots), key=math.prod)
-    base = [p for p in pilots if p.shape == shape] or [
-        p for p in pilots if p.shape == finest
-    ]
-    ratio = math.prod(shape) / math.prod(base[0].shape)
-    return float(np.mean([p.work for p in base])) * ratio
+    solved = shape
+    if all(pilot.shape != shape for pilot in pilots):
+        solved = max((pilot.shape for pilot in pilots), key=math.prod)
+    work = np.mean([pilot.work for pilot in pilots if pilot.shape == solved])
+    return float(work) * (math.prod(shape) / math.prod(solved))
 
 
 def finite_element_options(
     case: Case, recipe: Recipe, solve: Solver, tolerance: float
 ) -> tuple[dict[str, Any], list[str]]:
-    """Choose increments by pilots and depth by compliance, to a quarter each, and say
-    why.
+    """Choose the depth of the block and the number of increments.
+
+    The depth follows from the compliance, the increments from pilots.  Each may cause a
+    quarter of the tolerance.
+
+    Args:
+        case: A case with finite elements.
+        recipe: The surface.
+        solve: Solves a pilot with finite elements.
+        tolerance: Relative tolerance on the area.
+
+    Returns:
+        The options, and a sentence with the reason for each.
     """
     options: dict[str, Any] = {}
-    why = []
-    share = tolerance / 4
+    reasons = []
+    allowed = tolerance / 4
     if case.body.kind == "half_space" and "depth" not in case.options["fem"]:
         longest = max(case.recipes[0].periods)
-        options["depth"] = half_space_depth(longest, case.material.poisson_ratio, share)
-        why.append(
-            f"a block {options['depth']:.3g} m deep answers the longest wave within {share:.1g} "
-            "of the half-space; its layers grow from the grid spacing as fast as the waves allow"
+        depth = half_space_depth(longest, case.material.poisson_ratio, allowed)
+        options["depth"] = depth
+        reasons.append(
+            f"a block {depth:.3g} m deep answers the longest wave within {allowed:.1g} "
+            "of the half-space; its layers grow from the grid spacing as fast as the "
+            "waves allow"
         )
     if case.options["fem"].get("law") == "j2":
         coarse = on_grid(recipe, ladder(recipe, beyond=False)[0]) or recipe
-        *tried, best = [
-            solve(coarse, steps=count, **options).areas.total for count in STEPS
-        ]
-        off = {s: abs(area / best - 1) for s, area in zip(STEPS, tried, strict=False)}
-        options["steps"] = min(
-            (s for s, error in off.items() if error <= share), default=STEPS[-1]
+        areas = [solve(coarse, steps=n, **options).areas.total for n in STEPS]
+        differences = {}
+        for count, area in zip(STEPS[:-1], areas[:-1], strict=True):
+            differences[count] = abs(area / areas[-1] - 1)
+        sufficient = [n for n, error in differences.items() if error <= allowed]
+        options["steps"] = min(sufficient, default=STEPS[-1])
+        listed = ", ".join(f"{error:.1g} with {n}" for n, error in differences.items())
+        reasons.append(
+            f"{options['steps']} increments: on the coarsest grid the area differs "
+            f"from that of {STEPS[-1]} by {listed}; a quarter of the tolerance is allowed"
         )
-        changes = ", ".join(f"{error:.1g} with {count}" for count, error in off.items())
-        why.append(
-            f"{options['steps']} increments: on the coarsest grid the area differs from that of "
-            f"{STEPS[-1]} by {changes}; a quarter of the tolerance is allowed"
-        )
-    return options, why
+    return options, reasons
 
 
-def climb(recipes: Sequence[Recipe], solve: Solver, tolerance: float) -> list[Pilot]:
-    """Solve the first surface on finer grids until one will do, and others on the
-    coarsest grid.
+def solve_pilots(
+    recipes: Sequence[Recipe], solve: Solver, tolerance: float
+) -> list[Pilot]:
+    """Solve the first surface on finer grids until one suffices, and others once.
+
+    The grids end where the pilots would cost more than `PILOT_FRACTION` of the case.
+    Up to `PILOT_SURFACES` surfaces are solved on the coarsest grid.
+
+    Args:
+        recipes: The surfaces of the case.
+        solve: Solves a pilot.
+        tolerance: Relative tolerance on the area.
     """
-    first, pilots = recipes[0], list[Pilot]()
-    rungs = ladder(first, beyond=False)
-    for shape, following in zip(rungs, [*rungs[1:], None], strict=True):
+    first = recipes[0]
+    shapes = ladder(first, beyond=False)
+    pilots: list[Pilot] = []
+    for shape, next_shape in zip(shapes, [*shapes[1:], None], strict=True):
         pilots.append(solve(on_grid(first, shape) or first))
-        most = PILOT_SHARE * carried_work(pilots, first.shape) * len(recipes)
-        if following is None or pilots[-1].error <= 0.7 * tolerance:
+        case_work = estimate_work(pilots, first.shape) * len(recipes)
+        if next_shape is None or pilots[-1].error <= 0.7 * tolerance:
             break
-        if len(pilots) > 1 and carried_work(pilots, following) > most / 2:
+        next_work = estimate_work(pilots, next_shape)
+        if len(pilots) > 1 and next_work > PILOT_FRACTION * case_work / 2:
             break
-    others = recipes[1:PILOT_SURFACES]
-    return pilots + [solve(on_grid(recipe, rungs[0]) or recipe) for recipe in others]
+    for recipe in recipes[1:PILOT_SURFACES]:
+        pilots.append(solve(on_grid(recipe, shapes[0]) or recipe))
+    return pilots
 
 
-def coarsest(pilots: Sequence[Pilot]) -> list[Pilot]:
+def on_coarsest_grid(pilots: Sequence[Pilot]) -> list[Pilot]:
     """Return the pilots on the coarsest grid, one for each surface."""
-    return [p for p in pilots if p.shape == pilots[0].shape]
+    return [pilot for pilot in pilots if pilot.shape == pilots[0].shape]
 
 
-def deviation_of(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
-    """Return the largest relative standard deviation of the parts, by its upper 80 %
-    bound.
+def largest_deviation(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
+    """Return the largest relative standard deviation of the parts between surfaces.
+
+    It is an upper 80 % bound, because the pilots are few, and 0 for one surface.
     """
-    bounds = [0.0]
+    largest = 0.0
     for part in parts:
-        values = [getattr(pilot.areas, part) for pilot in coarsest(pilots)]
+        values = [getattr(pilot.areas, part) for pilot in on_coarsest_grid(pilots)]
         degrees = len(values) - 1
         if degrees and sum(values) > 0:
-            bound = math.sqrt(degrees / float(chdtri(degrees, 0.8)))
-            bounds.append(bound * standard_deviation(values) / float(np.mean(values)))
-    return max(bounds)
+            factor = math.sqrt(degrees / float(chdtri(degrees, 0.8)))
+            deviation = standard_deviation(values) / float(np.mean(values))
+            largest = max(largest, factor * deviation)
+    return largest
 
 
 def cheapest(
@@ -215,25 +285,40 @@ def cheapest(
     deviation: float,
     capped: bool,
 ) -> Candidate:
-    """Return the cheapest grid that meets the tolerance with its surfaces, or the most
-    accurate. If `capped`, no grid is finer and no ensemble larger than that of the
-    case.
+    """Return the cheapest grid that meets the tolerance, or the most accurate one.
+
+    Args:
+        recipes: The surfaces of the case.
+        pilots: The pilots that were solved.
+        tolerance: Relative tolerance on the area at 95 % confidence.
+        deviation: Relative standard deviation between surfaces.
+        capped: Whether grids finer and ensembles larger than those of the case are
+            excluded.
     """
     candidates = []
     most = len(recipes) if capped else MOST_SURFACES
     for shape in ladder(recipes[0], beyond=not capped):
-        error, count, scatter = carried_error(pilots, shape), 1, 0.0
+        error = estimate_error(pilots, shape)
+        count = 1
+        scatter = 0.0
         if len(recipes) > 1 and deviation > 0:
-            room = math.sqrt(max(tolerance**2 - error**2, 0.0))
-            enough = (
-                n
-                for n in range(2, most + 1)
-                if student_half_width(deviation, n) <= room
-            )
-            count = next(enough, most)
+            allowed = math.sqrt(max(tolerance**2 - error**2, 0.0))
+            count = _sufficient_surfaces(deviation, allowed, most)
             scatter = student_half_width(deviation, count)
-        work = carried_work(pilots, shape) * count
+        work = estimate_work(pilots, shape) * count
         candidates.append(Candidate(shape, count, error, scatter, work))
-    if good := [c for c in candidates if c.error <= tolerance]:
-        return min(good, key=lambda c: c.work)
+    sufficient = [c for c in candidates if c.error <= tolerance]
+    if sufficient:
+        return min(sufficient, key=lambda c: c.work)
     return min(candidates, key=lambda c: (c.error, c.work))
+
+
+def _sufficient_surfaces(deviation: float, half_width: float, most: int) -> int:
+    """Return the fewest surfaces whose mean has an interval of at most a half-width.
+
+    The number is `most` if no smaller number suffices.
+    """
+    for count in range(2, most + 1):
+        if student_half_width(deviation, count) <= half_width:
+            return count
+    return most

@@ -1,5 +1,4 @@
-"""The cheapest model that meets a tolerance on the contact area, and the reasons for
-it.
+"""The cheapest model that meets a tolerance on the contact area, and why.
 
 The plan chooses the method (theory, boundary or finite elements), a line if the
 roughness has one direction, the grid, raw or corrected areas, the number of surfaces
@@ -15,8 +14,8 @@ A case with one surface asks for the area of that surface, so n = 1 and there is
 scatter.
 
 The theory is chosen if its error by the map of `persson.validity` is within the
-tolerance or, where that map does not reach, its difference from the pilots' mean and
-their uncertainty together.
+tolerance.  Where that map does not reach, the sum of the theory's difference from the
+pilots' mean and of the uncertainty of this mean must be within the tolerance.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,13 +45,13 @@ from epcontact.planning.pilots import (
     PILOT_SURFACES,
     Candidate,
     Pilot,
-    carried_work,
     cheapest,
-    climb,
-    coarsest,
-    deviation_of,
+    estimate_work,
     finite_element_options,
+    largest_deviation,
+    on_coarsest_grid,
     solve_pilot,
+    solve_pilots,
 )
 from epcontact.scene import Scene
 from epcontact.surfaces import Recipe, SelfAffine
@@ -61,43 +59,57 @@ from epcontact.surfaces import Recipe, SelfAffine
 
 @dataclass(frozen=True)
 class Plan:
-    """A chosen model, its expected error and cost, and the reasons."""
+    """A chosen model, its expected error and cost, and the reasons.
 
-    case: str  # its id
-    tolerance: float  # on the areas of the parts, relative
-    parts: tuple[str, ...]  # of the area, that must be within it
+    Attributes:
+        case: Id of the case.
+        tolerance: Relative tolerance on the areas.
+        parts: Parts of the area that must be within it: total, elastic, plastic.
+        method: Name of the method.
+        areas: "raw" or "corrected".
+        options: Options of the method.
+        grid_error: Relative error of the areas by the grid; for the theory its error by
+            the map, or its distance from the pilots with their uncertainty.
+        scatter: Relative half-width of the 95 % interval of the mean over surfaces.
+        work: FFT pairs, or sweeps over the unknowns, times points of the model.
+        given_work: The same for the given case.
+        pilot_work: The same for the pilots.
+        reasons: Sentences.
+        notes: Notes on the surface of the finest pilot.
+        recipes: The surfaces on the chosen grid.
+        step: Number of the load that the plan is for, whose area is the hardest to
+            compute.
+    """
+
+    case: str
+    tolerance: float
+    parts: tuple[str, ...]
     method: str
-    areas: str  # "raw" or "corrected"
-    options: dict[str, Any]  # of the method
-    grid_error: float  # relative; of the theory, its distance from the pilots and their uncertainty
-    scatter: (
-        float  # half-width of the 95 % interval of the mean over the surfaces, relative
-    )
-    work: float  # FFT pairs (or solver sweeps) times points of the chosen model
-    given_work: float  # of the given case
+    areas: str
+    options: dict[str, Any]
+    grid_error: float
+    scatter: float
+    work: float
+    given_work: float
     pilot_work: float
-    reasons: tuple[str, ...]  # sentences
-    notes: tuple[str, ...]  # of the surface that the finest pilot solved
-    recipes: tuple[Recipe, ...] = field(
-        repr=False
-    )  # of the surfaces on the chosen grid
-    step: int = (
-        -1
-    )  # number of the load that is the hardest to answer, which the plan is for
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...]
+    recipes: tuple[Recipe, ...] = field(repr=False)
+    step: int = -1
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The grid; a single number if a line stands for the surface."""
+        """Shape of the grid; one number if a line represents the surface."""
         return self.recipes[0].shape
 
     @property
     def surfaces(self) -> int:
-        """The number of surfaces that are solved; the theory needs one spectrum."""
+        """Number of surfaces that are solved; the theory needs one spectrum."""
         return len(self.recipes) if self.on_grid else 1
 
     @property
     def on_grid(self) -> bool:
-        """True unless a theory answers without a grid."""
+        """Whether the method has a grid; the theory has none."""
         return METHODS[self.method].has_fields
 
     @property
@@ -107,7 +119,7 @@ class Plan:
 
     @property
     def meets(self) -> bool:
-        """True if the expected error is within the tolerance."""
+        """Whether the expected error is within the tolerance."""
         return self.expected_error <= self.tolerance
 
 
@@ -120,85 +132,82 @@ def plan(
     capped: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Plan:
-    """Choose the cheapest model of a case whose areas are within the tolerance.
+    """Return the cheapest model of a case whose areas are within a tolerance.
 
     Args:
-        case: a case with boundary or finite elements among its methods.
-        tolerance: tolerance on the areas, relative, at 95 % confidence.
-        parts: the parts of the area that must be within it: total, elastic, plastic.
-        threads: number of threads of the pilots; None: all cores.
-        capped: if True, the grid is no finer and the surfaces no more than those of the
+        case: A case with boundary or finite elements among its methods.
+        tolerance: Relative tolerance on the areas at 95 % confidence.
+        parts: The parts of the area that must be within it: total, elastic, plastic.
+        threads: Number of threads of the pilots; None: all cores.
+        capped: If True, the grid is no finer and the surfaces no more than those of the
             case, even if the plan then misses the tolerance (see `Plan.meets`).
-        progress: called with a sentence before each pilot.
+        progress: Called with a sentence before each pilot.
 
     Raises:
-        InvalidCase: the tolerance is out of range, or no pilot can answer the case.
-        EpcontactError: a pilot fails.
+        InvalidCase: The tolerance is out of range, or no pilot can solve the case.
+        EpcontactError: A pilot fails.
     """
     if not 0 < tolerance < 1:
         raise InvalidCase(f"tolerance is {tolerance!r}, but must lie between 0 and 1")
-    if case.skip or not (methods := methods_on_grids(case)):
-        raise InvalidCase(
-            f"{case.id}: {case.skip or 'no method on a grid answers it, so it needs no plan'}"
-        )
-    if (
-        "plastic" in parts
-        and math.isinf(case.material.hardness)
-        and methods[0] != "fem"
-    ):
-        raise InvalidCase(
-            f"{case.id}: a body without hardness has no plastic area to plan for"
-        )
-    method, recipes, why = methods[0], case.recipes, []
-    if (axis := one_directional(recipes[0])) is not None:
+    method = _method_to_plan(case, parts)
+    recipes = case.recipes
+    reasons = []
+    axis = one_directional(recipes[0])
+    if axis is not None:
         recipes = tuple(Section(recipe, axis) for recipe in recipes)
-        why = [f"all roughness runs along {'xy'[axis]}: a line stands for the surface"]
-
-    def solve(recipe: Recipe, **options: Any) -> Pilot:
-        if progress is not None:
-            progress(
-                f"plan: pilot by {method} on {' x '.join(map(str, recipe.shape))} points"
-            )
-        found = solve_pilot(case, recipe, method, parts, threads, steps[-1], **options)
-        steps.append(found.step)
-        return found
-
-    # Gates, which an automatic size is for, read the last load; a single load is the
-    # last one.
-    steps: list[int | None] = [-1 if capped or len(case.load.path) == 1 else None]
+        direction = "xy"[axis]
+        reasons.append(
+            f"all roughness runs along {direction}: a line stands for the surface"
+        )
     options: dict[str, Any] = {}
+    # Gates, which an automatic size is for, read the last load.  On a longer path the
+    # first pilot finds the load that is the hardest to compute.
+    only_last_load = capped or len(case.load.path) == 1
+    step: int | None = -1 if only_last_load else None
+
+    def solve(recipe: Recipe, **tried: Any) -> Pilot:
+        """Solve a pilot with the options chosen so far and those that are tried."""
+        nonlocal step
+        if progress is not None:
+            points = " x ".join(map(str, recipe.shape))
+            progress(f"plan: pilot by {method} on {points} points")
+        pilot = solve_pilot(
+            case, recipe, method, parts, threads, step, **(options | tried)
+        )
+        step = pilot.step
+        return pilot
+
     if method == "fem":
-        options, reasons = finite_element_options(case, recipes[0], solve, tolerance)
-        why += reasons
-    if case.options.get("fem", {}).get("law") == "j2" and isinstance(
-        recipes[0], SelfAffine
-    ):
-        if method != "fem" and not case.mapped_hardness:
-            cap = case.material.hardness
-            why.append(
-                f"the plan is for the body with a cap of {cap:.3g} Pa, not for J2 flow"
-            )
-        why.append(_cap_instead(case, recipes[0].spectrum.rms_slope, tolerance))
-    pilots = climb(recipes, partial(solve, **options), tolerance)
-    deviation = deviation_of(pilots, parts)
+        options, of_options = finite_element_options(case, recipes[0], solve, tolerance)
+        reasons += of_options
+    if case.options.get("fem", {}).get("law") == "j2":
+        reasons += _reasons_on_cap(case, recipes[0], method, tolerance)
+    pilots = solve_pilots(recipes, solve, tolerance)
+    deviation = largest_deviation(pilots, parts)
     chosen = cheapest(recipes, pilots, tolerance, deviation, capped)
     raw = all(pilot.raw_error <= pilot.error for pilot in pilots)
-    limit = (
-        "the case's own grid and surfaces" if capped else "the finest grid considered"
-    )
-    missed = f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is {chosen.error:.2g}"
+    hardest = pilots[0].step
     if len(case.load.path) > 1:
-        step = pilots[0].step
-        hardest = f"{case.load.path[step]:.4g} Pa, number {step + 1} of the path"
-        why.append(
-            f"the plan is for the load of {hardest}: its area is the hardest to find"
+        load = f"{case.load.path[hardest]:.4g} Pa, number {hardest + 1} of the path"
+        reasons.append(
+            f"the plan is for the load of {load}: its area is the hardest to compute"
         )
-    solved = chosen.shape in [pilot.shape for pilot in pilots]
-    why += _reasons(recipes[0], len(recipes) > 1, chosen, solved, raw, deviation)
-    across = math.prod(case.recipes[0].shape) / math.prod(
-        recipes[0].shape
-    )  # above 1 for a line
-    result = Plan(
+    is_solved = any(pilot.shape == chosen.shape for pilot in pilots)
+    reasons.append(_reason_for_grid(recipes[0], chosen, is_solved, raw))
+    reasons.append(_reason_for_surfaces(len(recipes), chosen, deviation))
+    if chosen.error > tolerance:
+        limit = "the finest grid considered"
+        if capped:
+            limit = "the case's own grid and surfaces"
+        reasons.append(
+            f"the tolerance of {tolerance:.2g} is not met: with {limit} the error is "
+            f"{chosen.error:.2g}"
+        )
+    points_of_line = math.prod(recipes[0].shape)
+    points_across = math.prod(case.recipes[0].shape) / points_of_line
+    work_of_case = estimate_work(pilots, recipes[0].shape) * len(recipes)
+    finest = max(pilots, key=lambda pilot: math.prod(pilot.shape))
+    numerical = Plan(
         case=case.id,
         tolerance=tolerance,
         parts=tuple(parts),
@@ -208,107 +217,145 @@ def plan(
         grid_error=chosen.grid_error,
         scatter=chosen.scatter,
         work=chosen.work,
-        given_work=carried_work(pilots, recipes[0].shape) * across * len(recipes),
+        given_work=points_across * work_of_case,
         pilot_work=sum(pilot.work for pilot in pilots),
-        reasons=(*why, missed) if chosen.error > tolerance else tuple(why),
-        notes=max(pilots, key=lambda pilot: math.prod(pilot.shape)).notes,
+        reasons=tuple(reasons),
+        notes=finest.notes,
         recipes=_chosen_recipes(recipes, chosen),
-        step=pilots[0].step,
+        step=hardest,
     )
-    theories = [m for m in case.methods if not METHODS[m].has_fields]
-    return _theory_instead(case, theories[0], pilots, result) if theories else result
+    theories = [name for name in case.methods if not METHODS[name].has_fields]
+    if theories:
+        return _with_theory(case, theories[0], pilots, numerical)
+    return numerical
+
+
+def _method_to_plan(case: Case, parts: Sequence[str]) -> str:
+    """Return the cheapest method of a case that a plan can choose a grid for.
+
+    Raises InvalidCase if there is none, or if the method has no such part of the area.
+    """
+    if case.skip:
+        raise InvalidCase(f"{case.id}: {case.skip}")
+    methods = methods_on_grids(case)
+    if not methods:
+        raise InvalidCase(
+            f"{case.id}: no method on a grid answers it, so it needs no plan"
+        )
+    is_elastic = math.isinf(case.material.hardness)
+    if "plastic" in parts and is_elastic and methods[0] != "fem":
+        raise InvalidCase(
+            f"{case.id}: a body without hardness has no plastic area to plan for"
+        )
+    return methods[0]
 
 
 def methods_on_grids(case: Case) -> list[str]:
-    """Return the case's methods that a grid makes exact, the cheapest first, as METHODS
-    has them. Solvers of the user's are left out: their claimed errors are not known.
+    """Return the methods of a case that a grid makes exact, the cheapest first.
+
+    Solvers of the user are left out, because the errors of their areas are not known.
     """
     return [
-        m for m, method in METHODS.items() if m in case.methods and method.plannable
+        name
+        for name, method in METHODS.items()
+        if name in case.methods and method.plannable
     ]
 
 
-def _cap_instead(case: Case, rms_slope: float, tolerance: float) -> str:
-    """The sentence that says whether a pressure cap can stand for the J2 body of a
-    case.
-    """
-    try:
-        found = case.cap_at(rms_slope, max(case.load.path))
-    except InvalidScene as error:
-        return f"no pressure cap is known to stand for the J2 body: {error}"
-    can = "can" if found.error <= tolerance else "cannot"
-    # The area under a cap grows at most as the inverse of the cap.
-    return (
-        f"boundary elements with hardness = 'effective', {found.value:.3g} Pa, {can} stand for the "
-        f"J2 body: their area is that of J2 within {found.error:.2g}, with the tolerance at "
-        f"{tolerance:g}; the two contacts overlap by 0.90 to 0.99 in the cases fem-model"
-    )
-
-
-def _reasons(
-    first: Recipe,
-    several: bool,
-    chosen: Candidate,
-    solved: bool,
-    raw: bool,
-    deviation: float,
+def _reasons_on_cap(
+    case: Case, recipe: Recipe, method: str, tolerance: float
 ) -> list[str]:
-    """Return the reasons for a grid and a number of surfaces."""
-    resolution = points_per_wavelength(on_grid(first, chosen.shape) or first)
-    fine = (
-        ""
-        if math.isnan(resolution)
-        else f" ({resolution:.3g} points per shortest wavelength)"
+    """Return sentences on whether a pressure cap represents the J2 body of a case."""
+    if not isinstance(recipe, SelfAffine):
+        return []
+    reasons = []
+    if method != "fem" and not case.mapped_hardness:
+        reasons.append(
+            f"the plan is for the body with a cap of {case.material.hardness:.3g} Pa, "
+            "not for J2 flow"
+        )
+    try:
+        cap = case.cap_at(recipe.spectrum.rms_slope, max(case.load.path))
+    except InvalidScene as error:
+        return [*reasons, f"no pressure cap is known for the J2 body: {error}"]
+    # The area under a cap grows at most as the inverse of the cap.
+    verb = "can" if cap.error <= tolerance else "cannot"
+    reasons.append(
+        f"boundary elements with hardness = 'effective', {cap.value:.3g} Pa, {verb} "
+        f"represent the J2 body: their area is that of J2 within {cap.error:.2g}, with "
+        f"the tolerance at {tolerance:g}; the two contacts overlap by 0.90 to 0.99 in "
+        "the cases fem-model"
     )
-    how = "as a pilot solve found" if solved else "extrapolated from pilot solves"
-    grid = " x ".join(map(str, chosen.shape))
+    return reasons
+
+
+def _reason_for_grid(
+    recipe: Recipe, chosen: Candidate, is_solved: bool, raw: bool
+) -> str:
+    """Return the sentence on the grid and its error."""
+    grid = " x ".join(map(str, chosen.shape)) + " points"
+    resolution = points_per_wavelength(on_grid(recipe, chosen.shape) or recipe)
+    if not math.isnan(resolution):
+        grid += f" ({resolution:.3g} points per shortest wavelength)"
     kind = (
         "raw areas, which are as good as corrected ones" if raw else "corrected areas"
     )
-    why = [
-        f"on {grid} points{fine} the grid's error of {kind} is {chosen.grid_error:.2g}, {how}"
-    ]
-    if not several:
-        return [
-            *why,
-            "the case has one surface, so the plan is for the area of that surface",
-        ]
-    return [
-        *why,
-        f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at 95 %, as a "
-        f"surface scatters by at most {deviation:.2g} (80 %)",
-    ]
+    origin = "as a pilot solve found" if is_solved else "extrapolated from pilot solves"
+    return f"on {grid} the grid's error of {kind} is {chosen.grid_error:.2g}, {origin}"
+
+
+def _reason_for_surfaces(given: int, chosen: Candidate, deviation: float) -> str:
+    """Return the sentence on the number of surfaces; the case has `given` of them."""
+    if given == 1:
+        return "the case has one surface, so the plan is for the area of that surface"
+    return (
+        f"the mean of {chosen.surfaces} surfaces is within {chosen.scatter:.2g} at "
+        f"95 %, because surfaces scatter by at most {deviation:.2g} (80 %)"
+    )
 
 
 def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe, ...]:
-    """Return the case's first surfaces on the chosen grid, and new ones if it has too
-    few.
+    """Return the first surfaces of a case on the chosen grid, and new ones if needed.
+
+    New surfaces have the seeds after the largest of the given ones.
     """
     recipes = [on_grid(r, chosen.shape) or r for r in given[: chosen.surfaces]]
-    seeded = [r for r in recipes if isinstance(r, SelfAffine)]
-    fresh = max((r.seed for r in seeded), default=0) + 1
-    more = range(fresh, fresh + chosen.surfaces - len(recipes)) if seeded else ()
-    return (*recipes, *(replace(seeded[0], seed=seed) for seed in more))
+    seeded = [recipe for recipe in recipes if isinstance(recipe, SelfAffine)]
+    if seeded:
+        seed = max(recipe.seed for recipe in seeded)
+        while len(recipes) < chosen.surfaces:
+            seed += 1
+            recipes.append(replace(seeded[0], seed=seed))
+    return tuple(recipes)
 
 
-def _theory_instead(
+def _with_theory(
     case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan
 ) -> Plan:
-    """Return the plan with the theory as its method if that is close enough to the
-    pilots.
+    """Return the plan with the theory as its method if the theory is accurate enough.
+
+    Args:
+        case: The case.
+        method: Name of the theory among its methods.
+        pilots: The pilots of the numerical method.
+        numerical: The plan for the numerical method.
     """
-    scene = case.scene(on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0])
-    if known := _mapped_error(case, method, scene, numerical):
-        error, middle = known
-        distance = (
-            f"the theory is off by {f'{middle:.2g} here, and by ' if middle else ''}at most "
-            f"{error:.2g} at 95 %, by the map of its error against boundary elements: this"
-        )
+    coarse = on_grid(case.recipes[0], pilots[0].shape) or case.recipes[0]
+    scene = case.scene(coarse)
+    mapped = _error_by_map(case, method, scene, numerical)
+    if mapped is None:
+        error, sentence = _error_by_pilots(case, method, scene, pilots, numerical.parts)
     else:
-        error, distance = _off_the_pilots(case, method, scene, pilots, numerical.parts)
+        error, middle = mapped
+        offset = f"{middle:.2g} here, and by " if middle else ""
+        sentence = (
+            f"the theory is off by {offset}at most {error:.2g} at 95 %, by the map of "
+            "its error against boundary elements: this"
+        )
     if error > numerical.tolerance:
-        why = f"{distance} exceeds the tolerance, so the theory will not do"
-        return replace(numerical, reasons=(*numerical.reasons, why))
+        reason = f"{sentence} exceeds the tolerance, so the theory does not suffice"
+        return replace(numerical, reasons=(*numerical.reasons, reason))
+    reason = f"{sentence} is within the tolerance, and the theory costs nothing"
     return replace(
         numerical,
         method=method,
@@ -317,161 +364,177 @@ def _theory_instead(
         grid_error=error,
         scatter=0.0,
         work=0.0,
-        reasons=(f"{distance} is within the tolerance, and the theory costs nothing",),
+        reasons=(reason,),
     )
 
 
-def _mapped_error(
+def _error_by_map(
     case: Case, method: str, scene: Scene, numerical: Plan
 ) -> tuple[float, float] | None:
-    """Return the largest relative error of the theory's areas and its middle, if a map
-    knows it.
+    """Return the relative error of the theory's areas by the map of its errors.
+
+    Returns:
+        The largest error of the wanted parts and the middle of its interval; None where
+        the map has none.
     """
     if method != "persson" or not isinstance(case.recipes[0], SelfAffine):
         return None
+    load = scene.load.path[numerical.step]
     try:
         theory = Theory.of_scene(scene, **case.options[method])
-        known = expected_errors(
-            theory, scene.load.path[numerical.step], len(case.recipes)
-        )
+        errors = expected_errors(theory, load, len(case.recipes))
     except InvalidScene:
         return None
-    if not known.keys() >= set(numerical.parts):
+    if not errors.keys() >= set(numerical.parts):
         return None
-    found = (known[part] for part in numerical.parts)
-    worst = max(found, key=lambda error: max(-error.low, error.high))
-    return max(-worst.low, worst.high), abs(worst.middle)
+    largest = (0.0, 0.0)
+    for part in numerical.parts:
+        error = errors[part]
+        bound = max(-error.low, error.high)
+        if bound > largest[0]:
+            largest = (bound, abs(error.middle))
+    return largest
 
 
-def _off_the_pilots(
+def _error_by_pilots(
     case: Case, method: str, scene: Scene, pilots: Sequence[Pilot], parts: Sequence[str]
 ) -> tuple[float, str]:
-    """Return how far the theory is off the pilots, with their uncertainty, and a
-    sentence on it.
+    """Return the theory's relative difference from the pilots plus their uncertainty.
+
+    The second value is the beginning of a sentence that says so.
     """
-    steps = METHODS[method].solve(scene, case.options[method], 1).steps
-    theory = steps[pilots[0].step].areas["raw"]
-    sample, finest = coarsest(pilots), max(pilots, key=lambda p: math.prod(p.shape))
-    off = []
+    result = METHODS[method].solve(scene, case.options[method], 1)
+    theory = result.steps[pilots[0].step].areas["raw"]
+    sample = on_coarsest_grid(pilots)
+    finest = max(pilots, key=lambda pilot: math.prod(pilot.shape))
+    difference = 0.0
     for part in parts:
-        mean = float(np.mean([getattr(p.areas, part) for p in sample]))
+        mean = float(np.mean([getattr(pilot.areas, part) for pilot in sample]))
         # A finer grid is assumed to change all surfaces as it changed the first.
         mean *= getattr(finest.areas, part) / getattr(pilots[0].areas, part)
-        off.append(abs(getattr(theory, part) / mean - 1))
-    doubt = math.hypot(
-        finest.error, student_half_width(deviation_of(pilots, parts), len(sample))
+        difference = max(difference, abs(getattr(theory, part) / mean - 1))
+    scatter = student_half_width(largest_deviation(pilots, parts), len(sample))
+    uncertainty = math.hypot(finest.error, scatter)
+    sentence = (
+        f"the theory differs from the pilot solves by {difference:.2g}, and they are "
+        f"uncertain by {uncertainty:.2g}: together this"
     )
-    differs = f"the theory differs from the pilot solves by {max(off):.2g}"
-    return max(
-        off
-    ) + doubt, f"{differs}, and they are uncertain by {doubt:.2g}: together this"
+    return difference + uncertainty, sentence
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:
     """Return the case with the plan's grid, surfaces and options, as size "auto"."""
-    options = {m: dict(given) for m, given in case.options.items()}
+    options = {method: dict(given) for method, given in case.options.items()}
     if chosen.method in options and chosen.on_grid:
         options[chosen.method] |= chosen.options
     return case.changed(size="auto", recipes=chosen.recipes, options=options)
 
 
 def finer_case(case: Case, chosen: Plan) -> Case | None:
-    """Return the case that checks a plan: its first surfaces on twice the points each
-    way.
+    """Return the case that checks a plan, with twice the points along each direction.
 
-    A method on a grid answers it, of a theory's plan, too.  Heights that have but one
-    grid, such as measured ones, leave nothing to check by: None.
+    A method on a grid solves it, even if the plan chose the theory.  The case has the
+    first surfaces of the plan.  The result is None if the surfaces have but one grid,
+    as measured ones have.
     """
-    doubled = (
-        on_grid(r, tuple(2 * n for n in r.shape))
-        for r in chosen.recipes[:PILOT_SURFACES]
-    )
-    recipes = tuple(r for r in doubled if r is not None)
+    recipes = []
+    for recipe in chosen.recipes[:PILOT_SURFACES]:
+        doubled = on_grid(recipe, tuple(2 * n for n in recipe.shape))
+        if doubled is not None:
+            recipes.append(doubled)
     if not recipes:
         return None
-    planned = planned_case(case, chosen)
-    methods = tuple(methods_on_grids(case)[:1])
-    return planned.changed(
-        id=f"{case.id}-finer", methods=methods, recipes=recipes, gates=()
+    return planned_case(case, chosen).changed(
+        id=f"{case.id}-finer",
+        methods=tuple(methods_on_grids(case)[:1]),
+        recipes=tuple(recipes),
+        gates=(),
     )
 
 
 def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) -> float:
-    """Return the relative error of the answer to a planned case, the largest of its
-    parts.
+    """Return the relative error that a planned case achieved, the largest of its parts.
 
     It combines, as independent errors, the difference of the mean areas from those of a
-    finer grid, the error that the finer grid still claims, and the 95 % interval of the
-    mean over the surfaces. Without a finer grid it rests on the error that the areas
-    claim themselves or, for a theory, that the pilots expected.
+    finer grid, the error estimate of the finer grid, and the 95 % interval of the mean
+    over the surfaces.  Without a finer grid it rests on the error estimate of the areas
+    or, for a theory, on the error that the pilots gave.
 
     Args:
-        chosen: the plan.
-        answer: the answer of the plan's method to `planned_case`.
-        finer: the answer to `finer_case`.
+        chosen: The plan.
+        answer: The results of the plan's method for `planned_case`.
+        finer: The results for `finer_case`.
 
     Raises:
-        InvalidCase: an answer has no results.
+        InvalidCase: There are no results.
     """
     if not answer.results or (finer is not None and not finer.results):
         raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
     if finer is None and not chosen.on_grid:
         return chosen.expected_error
     best = answer if finer is None else finer
-    sample = answer if chosen.on_grid else best
+    ensemble = answer if chosen.on_grid else best
 
     def areas(of: Answer, kind: str, part: str) -> list[float]:
-        return [getattr(r.steps[chosen.step].areas[kind], part) for r in of.results]
+        """Return one part of the area for each surface."""
+        steps = [result.steps[chosen.step] for result in of.results]
+        return [getattr(step.areas[kind], part) for step in steps]
 
-    errors = []
+    largest = 0.0
     for part in chosen.parts:
-        found = areas(answer, chosen.areas, part)[: len(best.results)]
         mean = float(np.mean(areas(best, "corrected", part)))
-        off = float(np.mean(found)) / mean - 1 if finer is not None else 0.0
-        claimed = float(np.mean(areas(best, "error", part))) / mean
-        values = areas(sample, "corrected", part)
+        difference = 0.0
+        if finer is not None:
+            planned = areas(answer, chosen.areas, part)[: len(best.results)]
+            difference = float(np.mean(planned)) / mean - 1
+        estimate = float(np.mean(areas(best, "error", part))) / mean
+        values = areas(ensemble, "corrected", part)
         scatter = student_half_width(standard_deviation(values) / mean, len(values))
-        errors.append(math.hypot(off, claimed, scatter))
-    return max(errors)
+        largest = max(largest, math.hypot(difference, estimate, scatter))
+    return largest
 
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
-    """Load a case at its full or only size and make it cheaper by `auto_case`, if not
-    skipped.
+    """Load a case at size "auto", with a sentence on what `auto_case` did.
+
+    The case is loaded at its largest size but "large", if it has another, and made
+    cheaper unless it is skipped.
     """
-    sizes = [size for size in text.sizes if size != "large"]
-    given = load_case(text, (sizes or ["large"])[-1])
-    return (given, "") if given.skip else auto_case(given)
+    sizes = [size for size in text.sizes if size != "large"] or ["large"]
+    case = load_case(text, sizes[-1])
+    if case.skip:
+        return case, ""
+    return auto_case(case)
 
 
 def auto_case(case: Case, *, threads: int | None = None) -> tuple[Case, str]:
     """Make a case cheaper if its gates allow.
 
-    Grids are chosen by the errors of corrected areas, to a third of the narrowest band
-    on them.  A case stays as it is if a gate reads anything else that depends on the
-    grid (fields, raw areas, distributions, gaps), or if it has finite elements beside
-    boundary elements.
+    The grid is chosen so that the error of corrected areas is a third of the narrowest
+    band on them.  A case stays as it is if a gate reads anything else that depends on
+    the grid (fields, raw areas, distributions, gaps), or if it has finite elements
+    beside boundary elements.
 
     Args:
-        case: the case.
-        threads: number of threads of the pilots; None: all cores.
+        case: The case.
+        threads: Number of threads of the pilots; None: all cores.
 
     Returns:
-        The case, never dearer than the given one, and a sentence that says what was
-        done.
+        The case, which costs no more than the given one, and a sentence that says what
+        was done.
     """
     unchanged = case.changed(size="auto")
-    blocking = [g.name for g in case.gates if not _plannable(g)]
-    corrected = [g for g in case.gates if _CORRECTED.fullmatch(g.quantity)]
-    if blocking or not corrected or len(methods_on_grids(case)) > 1:
-        reason = (
-            f"its gate on {blocking[0]} asks for its grid" if blocking else "unchanged"
-        )
-        return unchanged, f"{case.id}: {reason}"
-    wanted = min(g.high - g.low for g in corrected) / 2 / 3
-    parts = sorted({g.quantity.split(".")[1] for g in corrected})
+    for gate in case.gates:
+        if not _is_plannable(gate):
+            return unchanged, f"{case.id}: its gate on {gate.name} asks for its grid"
+    corrected = [gate for gate in case.gates if _CORRECTED.fullmatch(gate.quantity)]
+    if not corrected or len(methods_on_grids(case)) > 1:
+        return unchanged, f"{case.id}: unchanged"
+    half_width = min(gate.high - gate.low for gate in corrected) / 2
+    tolerance = min(half_width / 3, 0.5)
+    parts = sorted({gate.quantity.split(".")[1] for gate in corrected})
     try:
-        chosen = plan(case, min(wanted, 0.5), parts=parts, threads=threads, capped=True)
+        chosen = plan(case, tolerance, parts=parts, threads=threads, capped=True)
     except EpcontactError as error:
         return unchanged, f"{case.id}: unchanged, because {error}"
     if not chosen.on_grid or not chosen.meets or chosen.work > chosen.given_work:
@@ -482,13 +545,10 @@ def auto_case(case: Case, *, threads: int | None = None) -> tuple[Case, str]:
 _CORRECTED = re.compile(r"area\.(total|elastic|plastic)\.corrected")
 
 
-def _plannable(gate: Gate) -> bool:
-    """True if a gate depends on the grid only through corrected areas, or not at
-    all.
-    """
-    free = ("residual.", "iterations.", "quantity.measured_")
-    return (
-        not METHODS[gate.of].has_fields
-        or bool(_CORRECTED.fullmatch(gate.quantity))
-        or (gate.quantity.startswith(free) and not gate.quantity.endswith("carried"))
-    )
+def _is_plannable(gate: Gate) -> bool:
+    """Return whether a gate depends on the grid only through corrected areas."""
+    if not METHODS[gate.of].has_fields or _CORRECTED.fullmatch(gate.quantity):
+        return True
+    independent = ("residual.", "iterations.", "quantity.measured_")
+    carried = gate.quantity.endswith("carried")
+    return gate.quantity.startswith(independent) and not carried

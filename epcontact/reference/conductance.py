@@ -226,8 +226,8 @@ def _refuse_outside(load: float, hardness: float, *breadths: float) -> None:
 
 COOPER_MIKIC_YOVANOVICH = ClosedForm(
     "cooper_mikic_yovanovich",
-    "Cooper, Mikic and Yovanovich, Int. J. Heat Mass Transfer 12 (1969) 279: a law, not "
-    "exact",
+    "Cooper, Mikic and Yovanovich, Int. J. Heat Mass Transfer 12 (1969) 279: a law, "
+    "not exact",
     exact=False,
 )
 MIKIC = ClosedForm(

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import InvalidCase
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.harness import sweep
 from epcontact.harness.gates import distance
 from epcontact.harness.methods.registry import METHODS
@@ -87,7 +87,7 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
 
 def keep(rows: pd.DataFrame, path: Path) -> None:
     """Write rows as the table of a package."""
-    with whole_file(path) as file:
+    with atomic_write(path) as file:
         rows.to_csv(file, index=False, float_format="%.6g")
 
 

@@ -19,11 +19,11 @@ from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
 from epcontact.scene import (
     Surface,
-    cautioned,
+    as_tuple,
     checked_heights,
-    listed,
-    require_known,
-    settle,
+    require_usable,
+    set_frozen,
+    warn_user,
 )
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
@@ -65,8 +65,8 @@ class HeightsFromArray(Preparation):
         super().__post_init__()
         heights = np.array(checked_heights(self.heights, "heights"))
         heights.flags.writeable = False
-        require_known(heights, "heights", self.missing)
-        settle(
+        require_usable(heights, "heights", self.missing)
+        set_frozen(
             self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1]
         )
 
@@ -147,9 +147,9 @@ class HeightsFromFile(Preparation):
             raise InvalidScene(
                 f"path is {self.path!r:.60}, but must be the path of a file"
             )
-        settle(self, path=Path(self.path))
+        set_frozen(self, path=Path(self.path))
         if self.treatment is None:  # a result is periodic
-            settle(
+            set_frozen(
                 self,
                 treatment="refuse" if Path(self.path).suffix == ".vti" else "mirrored",
             )
@@ -157,7 +157,7 @@ class HeightsFromFile(Preparation):
             raise SurfaceAbsent(
                 f"its surface {self.path} is not here; put the file there to run it"
             )
-        settle(self, periods=checked_grid(self.shape, self._periods())[1])
+        set_frozen(self, periods=checked_grid(self.shape, self._periods())[1])
         # Read now, so that the fingerprint belongs to the content whose shape was just
         # read.
         _ = self.fingerprint
@@ -174,7 +174,7 @@ class HeightsFromFile(Preparation):
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        stored, given, shape = self._map, listed(self.periods), self.shape
+        stored, given, shape = self._map, as_tuple(self.periods), self.shape
         alone = len(given) == 1 and len(shape) == 2
         refusals = {
             "knows the unit of its heights; leave out unit": stored.in_metres
@@ -248,7 +248,7 @@ class HeightsFromFile(Preparation):
                 f"{self.path}: {steep} surface; {remedy}, period and pixel_size{others}"
             )
         if 0 < surface.rms_slope < FLATTEST:
-            told = cautioned(
+            told = warn_user(
                 (f"{steep.replace('beyond', 'below')} but optical flats; {remedy}",)
             )
             surface = replace(surface, notes=(*surface.notes, *told))
@@ -273,7 +273,7 @@ class Mirrored:
         shape, periods = (
             tuple(2 * n for n in of) for of in (self.map.shape, self.map.periods)
         )
-        settle(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
+        set_frozen(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
 
     def build(self) -> Surface:
         """Make the surface."""
@@ -309,7 +309,7 @@ class Facing:
                 f"over {b.periods} m, but two surfaces face each other on one grid and period"
             )
         words = f"facing/1 {a.fingerprint} on {b.fingerprint}"
-        settle(self, shape=a.shape, periods=a.periods, fingerprint=words)
+        set_frozen(self, shape=a.shape, periods=a.periods, fingerprint=words)
 
     def build(self) -> Surface:
         """Make both, and their composite roughness."""

@@ -29,7 +29,7 @@ from pydantic.fields import FieldInfo
 from epcontact.errors import InvalidScene, NotEnoughMemory
 from epcontact.machine import available_memory
 from epcontact.results import FloatArray
-from epcontact.scene import Surface, positive, require_one_of, settle, whole
+from epcontact.scene import Surface, integer, positive, require_one_of, set_frozen
 
 #: Bytes of memory that every machine has.
 SMALL = 2**28
@@ -133,7 +133,7 @@ class Fields:
     def __post_init__(self) -> None:
         for name, (kind, info) in self.entries.items():
             value = _checked(name, getattr(self, name), kind, info, unit_of(self, name))
-            settle(self, **{name: value})
+            set_frozen(self, **{name: value})
 
 
 def unit_of(recipe: Any, name: str) -> str:
@@ -154,7 +154,7 @@ def _checked(name: str, given: Any, kind: Any, info: FieldInfo, unit: str) -> An
     if float in kinds and bounds.get("gt") == 0:
         return positive(name, given, unit)
     if int in kinds and "ge" in bounds:
-        return whole(name, given, bounds["ge"])
+        return integer(name, given, bounds["ge"])
     if get_origin(kind) is Literal:
         require_one_of(name, given, kind)
     return given
@@ -182,7 +182,7 @@ class Generated(Fields):
         ):
             periods = periods * max(1, len(shape))
         shape, periods = checked_grid(shape, periods)
-        settle(self, shape=shape, periods=periods)
+        set_frozen(self, shape=shape, periods=periods)
 
     @property
     def fingerprint(self) -> str:
@@ -232,7 +232,7 @@ def checked_grid(
     InvalidScene.
     """
     try:
-        shape = tuple(whole("shape", n, 2) for n in given_shape)
+        shape = tuple(integer("shape", n, 2) for n in given_shape)
         periods = tuple(positive("periods", p, "m") for p in given_periods)
     except TypeError:
         raise InvalidScene(

@@ -28,11 +28,11 @@ from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import (
     SelfAffineSpectrum,
-    listed,
+    as_tuple,
+    integer,
     positive,
     require_kind,
-    settle,
-    whole,
+    set_frozen,
 )
 from epcontact.surfaces.recipe import (
     Fields,
@@ -71,7 +71,7 @@ def grid_shape(
         (256, 256)
     """
     require_kind("spectrum", spectrum, SelfAffineSpectrum)
-    lengths = [positive("periods", p, "m") for p in listed(periods)]
+    lengths = [positive("periods", p, "m") for p in as_tuple(periods)]
     name = "points_per_shortest_wavelength"
     points = positive(name, points_per_shortest_wavelength, "points")
     shape = tuple(
@@ -174,8 +174,8 @@ class SelfAffineEnsemble(Fields):
     def __post_init__(self) -> None:
         if (self.shape is None) == (self.points_per_shortest_wavelength is None):
             raise InvalidScene("give either points_per_shortest_wavelength or shape")
-        seeds = tuple(whole("seeds", n, 0) for n in listed(self.seeds))
-        settle(self, periods=listed(self.periods), seeds=seeds)
+        seeds = tuple(integer("seeds", n, 0) for n in as_tuple(self.seeds))
+        set_frozen(self, periods=as_tuple(self.periods), seeds=seeds)
         if len(set(self.seeds)) != len(self.seeds):
             raise InvalidScene("seeds repeat a surface; give each seed once")
         self.recipes()  # raises if the spectrum or the grid is wrong

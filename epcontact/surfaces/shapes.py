@@ -20,7 +20,7 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.scene import listed, number, settle
+from epcontact.scene import as_tuple, number, set_frozen
 from epcontact.surfaces.recipe import (
     Generated,
     Periods,
@@ -105,12 +105,12 @@ class Sinusoid(Generated):
 class _Centred(Generated):
     def __post_init__(self: Any) -> None:
         super().__post_init__()
-        centre = listed(self.centre) or (0.5,) * len(self.shape)
+        centre = as_tuple(self.centre) or (0.5,) * len(self.shape)
         right = f"{len(self.shape)} fractions of the period"
         if len(centre) != len(self.shape):
             raise InvalidScene(f"centre is {self.centre!r}, but must be {right}")
         shares = [number("centre", c, right, math.isfinite) for c in centre]
-        settle(self, centre=tuple(c % 1.0 for c in shares))
+        set_frozen(self, centre=tuple(c % 1.0 for c in shares))
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,11 @@ from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import (
     Surface,
-    cautioned,
     levels_note,
     number,
-    require_known,
-    settle,
+    require_usable,
+    set_frozen,
+    warn_user,
 )
 from epcontact.surfaces.power_spectrum import inner_moments, kept_waves, surface_moments
 from epcontact.surfaces.recipe import Fields, Real, entry
@@ -116,7 +116,7 @@ class Preparation(Fields):
         super().__post_init__()
         if self.form is not None:
             form = number("form", self.form, "0, 1 or 2", lambda v: v in (0, 1, 2))
-            settle(self, form=int(form))
+            set_frozen(self, form=int(form))
         longest, shortest = self.longest_wavelength, self.shortest_wavelength
         if longest is not None and shortest is not None and not shortest < longest:
             raise InvalidScene(
@@ -153,8 +153,8 @@ def prepared(
     here and those that were filled before.
     """
     heights = np.multiply(given, unit, dtype=np.float64, order="C")
-    require_known(heights, where, recipe.missing)
-    said = [*cautioned(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
+    require_usable(heights, where, recipe.missing)
+    said = [*warn_user(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
     if (spikes := outliers(heights)).any():
         said += _spike_notes(heights, spikes, recipe)
         if recipe.outliers == "remove":
@@ -330,7 +330,7 @@ def _spike_notes(
         yield f"{what}removed, at {where} m"
     else:
         kept = f"at {where} m; the contact sees them as roughness: if they are the instrument's, "
-        yield from cautioned((f'{what}{kept}set outliers to "remove"',))
+        yield from warn_user((f'{what}{kept}set outliers to "remove"',))
 
 
 def form_removed(heights: FloatArray, order: int) -> FloatArray:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from epcontact.errors import EpcontactError
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.harness.case_files.text import case_name, package_files, read_cases
 from epcontact.harness.sweep import read_sweep, run_sweep
 from epcontact.results import package_versions
@@ -35,7 +35,7 @@ def write(path, size, header, table):
     versions = ", ".join(
         f"{name} {version}" for name, version in package_versions().items()
     )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(
             header.format(size=size, versions=versions) + table, encoding="utf-8"
         )

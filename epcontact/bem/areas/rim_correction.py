@@ -38,7 +38,7 @@ from epcontact.bem.areas.grid import (
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
-from epcontact.scene import LARGEST, array, listed, positive, whole
+from epcontact.scene import LARGEST, array, as_tuple, integer, positive
 
 #: By what share of it the offset changes with a front's direction
 #: (`rim.calibrate_directions`).
@@ -84,7 +84,7 @@ def estimate_areas(
     pressure, gap, spacing = (
         array("pressure", pressure),
         array("gap", gap),
-        listed(spacing),
+        as_tuple(spacing),
     )
     flowed = None if flowed is None else array("flowed", flowed)
     given = {"pressure": pressure, "gap": gap} | (
@@ -99,7 +99,7 @@ def estimate_areas(
     hardness = positive("hardness", hardness, "Pa", finite=False)
     spacing = [positive("spacing", distance, "m") for distance in spacing]
     effective_modulus = positive("effective_modulus", effective_modulus, "Pa")
-    threads = whole("threads", threads, 1)
+    threads = integer("threads", threads, 1)
     for name, values in given.items():
         least, most = (
             (values.min(), values.max()) if values.size else (math.nan, math.nan)

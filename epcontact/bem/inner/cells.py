@@ -1,6 +1,6 @@
 """Cells of the grid, in which the elastic points are counted and summed.
 
-The preconditioner works on these cells, and a Newton step keeps the force of each
+The preconditioner works on these cells, and a Newton step keeps the force of each cell
 (`bounds.put`).
 """
 
@@ -16,39 +16,61 @@ from epcontact.bem.transforms import Convolution, Points, Symbol
 from epcontact.bem.workers import compiled, split
 from epcontact.results import FloatArray
 
-#: Points a side of a cell; where the spacings differ, along the axis of the closer
-#: points.
+#: Points along a side of a cell.  Where the spacings differ, these are the points along
+#: the axis of the closer points.
 CELL = 16
+# A side of fewer points is one point wide instead, so that a wave has its aliases on
+# the cells' grid at other waves of the points.
+_NARROWEST = 3
 
 
 def cells_of(symbol: Symbol) -> tuple[int, int]:
-    """The number of cells in each direction of a grid; (1, 1) where it is too small for
-    more. Cells are as wide as long in units of length, not in points; they are at least
-    three points wide, or one, so that a wave has its aliases on the cells' grid at
-    other waves of the points.
+    """Return the number of cells along each direction of a symbol's grid.
+
+    Cells are as wide as long in units of length, not in points.  The result is (1, 1)
+    where the grid is too small for more cells.
     """
-    (nx, ny), oblong = symbol.shape, symbol.oblong()
-    wanted = CELL * min(1.0, oblong), CELL / max(1.0, oblong)
-    along, across = (side if side >= 3 else 1.0 for side in wanted)
-    mx, my = max(1, int(nx / along)), max(1, int(ny / across))
-    return (1, 1) if (nx > 1 and mx < 2) or (ny > 1 and my < 2) else (mx, my)
+    nx, ny = symbol.shape
+    oblong = symbol.oblong()
+    mx = _cells_along(nx, CELL * min(1.0, oblong))
+    my = _cells_along(ny, CELL / max(1.0, oblong))
+    too_few = (nx > 1 and mx < 2) or (ny > 1 and my < 2)
+    return (1, 1) if too_few else (mx, my)
+
+
+def _cells_along(points: int, side: float) -> int:
+    """Return how many cells of a side, in points, a direction has, at least one."""
+    if side < _NARROWEST:
+        side = 1.0
+    return max(1, int(points / side))
 
 
 class Cells:
-    """The cells that listed points lie in; `counts` (cells,) are the points of each, as
-    floats. Blocks of rows share the cells at their edges, so each block sums over a
-    range of cells of its own; `numbers` are the cells of its points, counted from the
-    first one of that range.
+    """The cells that listed points lie in.
+
+    Blocks of rows share the cells at their edges, so each block sums over a range of
+    cells of its own.
+
+    Attributes:
+        workers: threads of the passes.
+        points: the listed points.
+        shape: number of cells along each direction.
+        counts: (cells,) the points in each cell, as floats.
+        numbers: for each block, the cell of each point, counted from the first cell of
+            the block's range.
     """
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
-        self.workers, self.points = convolution.workers, points
+        self.workers = convolution.workers
+        self.points = points
         self.shape = cells_of(convolution.symbol)
-        nx, (mx, my) = convolution.shape[0], self.shape
-        self._ranges = [
-            slice(rows.start * mx // nx * my, ((rows.stop - 1) * mx // nx + 1) * my)
-            for rows in convolution.rows
-        ]
+        nx = convolution.shape[0]
+        mx, my = self.shape
+        self._ranges = []
+        for rows in convolution.rows:
+            begin = rows.start * mx // nx
+            end = (rows.stop - 1) * mx // nx + 1
+            self._ranges.append(slice(begin * my, end * my))
         self.numbers = split(np.empty(points.index.size, dtype=np.int32), points.parts)
         first = [cells.start for cells in self._ranges]
         (index,) = points.split(points.index)
@@ -58,15 +80,16 @@ class Cells:
         )
 
     def split(self, values: FloatArray) -> list[NDArray[Any]]:
-        """For each block the values (cells,) of its range of cells."""
+        """Return, for each block, the values (cells,) of its range of cells."""
         return split(values, self._ranges)
 
     def sums(
         self, kernel: Callable[..., None], number: int, *arguments: Any
     ) -> FloatArray:
-        """(number, cells) sums over the points of each cell.
+        """Return (number, cells) sums over the points of each cell.
 
-        kernel: fills an array (number, cells of a block) by the cells of its points.
+        kernel: called for each block with the cells of its points, an array (number,
+        cells of the block) to fill, and the arguments.
         """
         parts = [np.empty((number, cells.stop - cells.start)) for cells in self._ranges]
         self.workers.each(kernel, self.numbers, parts, *arguments)
@@ -79,7 +102,7 @@ class Cells:
 
 
 def _cell_columns(symbol: Symbol) -> NDArray[np.int32]:
-    """The column of cells of each column of points."""
+    """Return the column of cells of each column of points."""
     ny = symbol.shape[1]
     return (np.arange(ny) * cells_of(symbol)[1] // ny).astype(np.int32)
 
@@ -94,14 +117,17 @@ def number_cells(
     cells: tuple[int, int],
     first: int,
 ) -> None:
-    """cell = the number of the cell of each point, from `first` on; sums: points by
-    cell.
+    """Write the number of each point's cell to `cell`, and count its points in `sums`.
 
-    columns: the column of cells of each of the columns of points; nx: rows of points.
+    index: flat indices of the points; columns: the column of cells of each column of
+    points; nx: rows of points; cells: cells along each direction; first: number of the
+    block's first cell, from which the numbers are counted.
     """
-    ny, (mx, my) = columns.size, cells
+    ny = columns.size
+    mx, my = cells
     sums[:] = 0.0
-    row, end, begin = -1, 0, 0
+    row = -1
+    begin = end = 0
     for k in range(index.size):
         if index[k] >= end:
             row = index[k] // ny
@@ -114,7 +140,7 @@ def number_cells(
 
 @compiled
 def sum_cells(cell: Any, sums: Any, values: Any) -> None:
-    """sums = the sums of values by cell."""
+    """Write the sums of values by cell to `sums`."""
     sums[:] = 0.0
     for k in range(cell.size):
         sums[0, cell[k]] += values[k]

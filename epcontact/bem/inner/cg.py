@@ -1,9 +1,9 @@
 """The linear problem of a Newton step, on the elastic set F.
 
 Conjugate gradients in the space of zero mean solve (S p)_F + z = h_F with the mean of p
-kept, with the exact compliance or a cheap one (`split`, or in single precision),
-preconditioned cell by cell (`preconditioner`), or by the inverse of S restricted to F
-if a grid has no cells.
+kept.  They apply the exact compliance S or a cheap one (`split`, or single precision).
+They are preconditioned cell by cell (`preconditioner`), or by the inverse of S
+restricted to F if a grid has no cells.
 """
 
 from __future__ import annotations
@@ -22,56 +22,75 @@ from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 Operator = Convolution | SplitOperator
-#: y = P r, given r, y and a scratch array; returns sum(y) and sum(y r).
+#: Writes P r to y, given r, y and a scratch array, and returns sum(y) and sum(y r).
 Preconditioner = Callable[[FloatArray, FloatArray, FloatArray], tuple[float, float]]
+_MAX_ITERATIONS = 200
+# The exact operator is used once the residual is not below this fraction of the last
+# one.
+_STALLED = 0.5
 
 
 class InnerOperators:
-    """The operators of a grid's inner iterations, made when they are first used."""
+    """The operators of a grid's inner iterations, created at their first use."""
 
     def __init__(self, convolution: Convolution) -> None:
-        self._convolution = convolution
+        self._exact = convolution
         self._points = convolution.shape[0] * convolution.shape[1]
         body = convolution.symbol.once(cell_body)
         self._body = None if body is None else body.scaled(convolution.scale)
         self._split: SplitOperator | None = None
         self._single: Convolution | None = None
-        self._cheap, self._last_residual = True, math.inf
+        self._cheap = True
+        self._last_residual = math.inf
 
     @property
     def pairs(self) -> float:
         """Pairs of transforms of the cheap operators, in pairs of the grid."""
-        single = self._single.pairs / 2 if self._single else 0.0
-        return single + (self._split.pairs if self._split else 0.0)
+        pairs = 0.0
+        if self._single is not None:
+            pairs += self._single.pairs / 2
+        if self._split is not None:
+            pairs += self._split.pairs
+        return pairs
 
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
-        """A cheap operator or the exact one for the next step, on the points of a
-        masked grid.  A cheap one is used while the sets change or the residual falls:
-        the split one on few elastic points, otherwise single precision.  One exact step
-        solves full contact.
+        """Return a cheap operator or the exact one for the next step.
+
+        A cheap operator is used while the sets change or the residual falls: the split
+        one on few elastic points, otherwise single precision.  In full contact one step
+        with the exact operator is enough.
+
+        Args:
+            changed: points whose set has changed in the last step.
+            masked: a masked grid of the elastic points.
+            residual: largest residual after the last step.
         """
-        if not changed and residual > 0.5 * self._last_residual:
+        if not changed and residual > _STALLED * self._last_residual:
             self._cheap = False
-        self._last_residual, exact = residual, self._convolution
+        self._last_residual = residual
         elastic = masked.points.index.size
         if not self._cheap or elastic == self._points:
-            return exact
-        if not split_pays(exact.symbol, elastic):
-            self._single = self._single or exact.in_single_precision()
+            return self._exact
+        if not split_pays(self._exact.symbol, elastic):
+            if self._single is None:
+                self._single = self._exact.in_single_precision()
             return self._single
-        self._split = self._split or SplitOperator(exact)
+        if self._split is None:
+            self._split = SplitOperator(self._exact)
         self._split.masked = masked
         return self._split
 
     def preconditioner(self, cells: Cells, masked: MaskedGrid) -> Preconditioner:
-        """The preconditioner by cells, or the inverse compliance (exact in full
-        contact).
+        """Return the preconditioner by cells, or the inverse compliance.
+
+        The inverse compliance is exact in full contact, and is used there and where a
+        grid has no cells.  masked: a masked grid of the points of `cells`.
         """
         if self._body is not None and cells.points.index.size < self._points:
             return CellPreconditioner(self._body, cells, masked).apply
 
         def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
-            return self._convolution.apply_on(cells.points, r, y, r, inverse=True)
+            return self._exact.apply_on(cells.points, r, y, r, inverse=True)
 
         return inverse
 
@@ -85,34 +104,47 @@ def conjugate_gradients(
     reduction: float,
     floor: float,
 ) -> int:
-    """Solve S_F x = r up to a constant for x of zero mean, adding to x and overwriting
-    r.  Stops when the 2-norm of r has fallen by `reduction`, or its largest element
-    below `floor`, and returns the number of iterations.
+    """Solve S_F x = r up to a constant for x of zero mean; return the iterations.
+
+    Args:
+        operator: applies S.
+        precondition: applies the preconditioner.
+        points: the elastic points F.
+        r: (points,) right-hand side; the residual at the end.
+        x: (points,) to which the solution is added.
+        reduction: stop when the 2-norm of r has fallen by this factor.
+        floor: stop when no element of r is above this value.
     """
-    v, y, d = np.empty_like(r), np.empty_like(r), np.zeros_like(r)
-    goal, rho_old, n = reduction * math.sqrt(dot(r, r)), math.inf, r.size
+    v = np.empty_like(r)
+    y = np.empty_like(r)
+    d = np.zeros_like(r)
+    goal = reduction * math.sqrt(dot(r, r))
+    last_rho = math.inf
     if np.abs(r).max() <= floor:
         return 0
-    for k in range(200):
+    for iteration in range(_MAX_ITERATIONS):
         total, rho = precondition(r, y, v)
         if not rho > 0:
-            return k
-        cg_direction(d, y, total / n, rho / rho_old)
+            return iteration
+        cg_direction(d, y, total / r.size, rho / last_rho)
         total, curvature = operator.apply_on(points, d, v, d)
         if not curvature > 0:
-            return k
-        square, largest = cg_step(x, r, d, v, rho / curvature, total / n)
-        rho_old = rho
+            return iteration
+        square, largest = cg_step(x, r, d, v, rho / curvature, total / r.size)
+        last_rho = rho
         if math.sqrt(square) <= goal or largest <= floor:
-            return k + 1
-    return 200
+            return iteration + 1
+    return _MAX_ITERATIONS
 
 
 @compiled
 def cg_step(
     x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float
 ) -> tuple[float, float]:
-    """x += alpha d, r -= alpha (v - mean); returns sum(r^2) and max|r|."""
+    """Add alpha d to x and subtract alpha (v - mean) from r.
+
+    Returns sum(r^2) and max|r|.
+    """
     square = largest = 0.0
     for k in range(x.size):
         x[k] += alpha * d[k]
@@ -125,6 +157,6 @@ def cg_step(
 
 @compiled
 def cg_direction(d: Any, y: Any, mean: float, beta: float) -> None:
-    """d = (y - mean) + beta d."""
+    """Write (y - mean) + beta d to d."""
     for k in range(d.size):
         d[k] = y[k] - mean + beta * d[k]

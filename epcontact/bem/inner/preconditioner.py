@@ -1,11 +1,10 @@
-"""The preconditioner of the inner iterations: a stencil within cells, and a small
-problem of cells.
+"""The preconditioner of the inner iterations: a stencil, and a small problem of cells.
 
 Restricted to scattered contacts, the inverse of the compliance S is a poor inverse of S
 restricted to them: it answers the collective displacement of many contacts, which is
-long-range, with the stiffness of each.  So the two are treated apart.  With Z the
-indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T the mean
-over each,
+long-range, with the stiffness of each.  So the two parts are treated separately.  With
+Z the indicators of square cells of some points a side, and Pi = Z (Z^T Z)^-1 Z^T the
+mean over each cell,
 
     P = (1 - Pi) K (1 - Pi) + Z E^-1 Z^T,
 
@@ -16,8 +15,8 @@ forces: with c the number of points of each cell,
 
     E ~ c (B + delta(c)) c,   delta(c) = 0.6 [b(square of c points) - b(cell)],
 
-B is the kernel averaged over pairs of cells, and b the mean displacement of a square
-under a unit force on it; delta is needed because contact within a cell is denser than
+B is the kernel averaged over pairs of cells, and b is the mean displacement of a square
+under a unit force on it.  delta is needed because contact within a cell is denser than
 the cell.
 """
 
@@ -37,203 +36,236 @@ from epcontact.results import FloatArray
 # The factor 0.6 of delta: contacts are not squares.  0.5 to 1 took the same number of
 # iterations.
 _DENSITY = 0.6
-_SAMPLE = (
-    128  # modes in each direction from which the stencil and the squares are computed
-)
-# The stencil is used if it is within this factor of 1/S on every wave up to two cells;
-# otherwise (some bodies and oblong grids) there is no preconditioner by cells (`cg`).
+# Least delta as a fraction of b(square): it keeps the cells' problem definite where
+# cells are full.
+_LEAST_DELTA = 0.05
+# Modes in each direction from which the stencil and the squares are computed.
+_SAMPLE = 128
+# The stencil is used if it is within this factor of 1/S on every wave up to two cells.
+# Otherwise (some bodies and oblong grids) there is no preconditioner by cells (`cg`).
 _WORST_FIT = 5.0
-_LEAST_DELTA = (
-    0.05  # of b(square): keeps the cells' problem definite where cells are full
-)
-# Of the residual of the cells' problem: 1e-1 takes more iterations on the points, 1e-2
-# as many.
+# Reduction of the residual of the cells' problem: 1e-1 takes more iterations on the
+# points, 1e-2 takes as many.
 _REDUCTION = 3e-2
+_MAX_ITERATIONS = 50
 _PATCHES = 32  # numbers of points, between which delta is interpolated
-# So few cells with points are solved directly; such matrices start no threads of a
-# library.
+# At most so many cells with points are solved directly; such matrices start no threads
+# of a library.
 _DIRECT = 96
 
 
 @dataclass(frozen=True, eq=False)
 class CellBody:
-    """The parts of the preconditioner that do not depend on the elastic points."""
+    """The parts of the preconditioner that do not depend on the elastic points.
 
-    taps: FloatArray  # (3, 3) the stencil K
-    kernel: FloatArray  # (mx, my // 2 + 1) modes of B
-    delta: FloatArray  # by the number of points of a cell, from 0
-    field: FloatArray  # (mx, my) B from the first cell to each
+    Attributes:
+        taps: (3, 3) the stencil K.
+        kernel: (mx, my // 2 + 1) modes of B.
+        delta: (most points of a cell + 1,) delta by the number of points, from 0.
+        field: (mx, my) B from the first cell to each.
+    """
+
+    taps: FloatArray
+    kernel: FloatArray
+    delta: FloatArray
+    field: FloatArray
 
     def scaled(self, scale: float) -> CellBody:
-        """The cell body of the symbol times `scale`."""
-        rest = (part * scale for part in (self.kernel, self.delta, self.field))
-        return CellBody(self.taps / scale, *rest)
+        """Return the cell body of the symbol times `scale`."""
+        return CellBody(
+            self.taps / scale,
+            self.kernel * scale,
+            self.delta * scale,
+            self.field * scale,
+        )
 
 
 def cell_body(symbol: Symbol) -> CellBody | None:
-    """The cell body of a grid's symbol; None where cells are too few, or no stencil
-    fits.
-    """
+    """Return the cell body of a symbol; None if cells are few or no stencil fits."""
     cells = cells_of(symbol)
     if cells == (1, 1):
         return None
     sample, _, weights = symbol.sampled(_SAMPLE)
     sides = (symbol.shape[0] / cells[0], symbol.shape[1] / cells[1])
-    if (taps := _stencil(sample, sides)) is None:
+    taps = _stencil(sample, sides)
+    if taps is None:
         return None
     kernel = _kernel(symbol, cells)
-    return CellBody(
-        taps, kernel, _delta(sample, weights, sides), np.fft.irfft2(kernel, s=cells)
-    )
+    field = np.fft.irfft2(kernel, s=cells)
+    return CellBody(taps, kernel, _delta(sample, weights, sides), field)
 
 
 class CellPreconditioner:
-    """The preconditioner P for the points of given cells."""
+    """The preconditioner P for the points of given cells; masked: a grid of these."""
 
     def __init__(self, body: CellBody, cells: Cells, masked: MaskedGrid) -> None:
-        self._body, self._cells, self._masked = body, cells, masked
+        self._body = body
+        self._cells = cells
+        self._masked = masked
         used = cells.counts > 0
+        self._used = np.flatnonzero(used)
         self._per_point = used / np.maximum(cells.counts, 1)
         self._delta = np.where(used, body.delta[cells.counts.astype(int)], 0.0)
         self._smoother = 1 / (body.kernel + 1 / np.mean(1 / self._delta[used]))
-        self._used, self._inverse = np.flatnonzero(used), None
+        self._inverse = None
         if self._used.size <= _DIRECT:
             i, j = np.divmod(self._used, cells.shape[1])
-            matrix = body.field[
-                i[:, None] - i, j[:, None] - j
-            ]  # negative indices are periodic
+            # Negative indices are right, because the field is periodic.
+            matrix = body.field[i[:, None] - i, j[:, None] - j]
             matrix[np.diag_indices(i.size)] += self._delta[self._used]
             self._inverse = np.linalg.inv(matrix)
 
     def apply(
         self, r: FloatArray, y: FloatArray, scratch: FloatArray
     ) -> tuple[float, float]:
-        """y = P r, using `scratch` of the same size; returns sum(y) and sum(y r)."""
-        cells, points = self._cells, self._cells.points
-        index, r_, y_, rest = points.split(points.index, r, y, scratch)
-        mean = cells.sums(sum_cells, 1, r_)[0] * self._per_point
+        """Write P r to y, all (points,); return sum(y) and sum(y r).
+
+        `scratch` is overwritten.
+        """
+        cells = self._cells
+        workers = cells.workers
+        index, r_blocks, y_blocks, rests = cells.points.split(
+            cells.points.index, r, y, scratch
+        )
+        mean = cells.sums(sum_cells, 1, r_blocks)[0] * self._per_point
         forces = self._solve(mean)
-        cells.workers.each(subtract, cells.numbers, r_, cells.split(mean), rest)
+        workers.each(subtract, cells.numbers, r_blocks, cells.split(mean), rests)
         self._masked.put(scratch)
-        masked, ny = self._masked.array.reshape(-1), self._masked.columns
-        within = cells.sums(gather_stencil, 1, masked, ny, self._body.taps, index, y_)[
-            0
-        ]
+        masked = self._masked.array.reshape(-1)
+        taps = self._body.taps
+        (within,) = cells.sums(
+            gather_stencil, 1, masked, self._masked.columns, taps, index, y_blocks
+        )
         shift = cells.split((forces - within) * self._per_point)
-        total, product = cells.workers.total(add_cells, cells.numbers, shift, y_, r_)
+        total, product = workers.total(
+            add_cells, cells.numbers, shift, y_blocks, r_blocks
+        )
         return total, product
 
     def _solve(self, mean: FloatArray) -> FloatArray:
-        """The cells' forces that give them the mean displacements `mean`, (B + delta) y
-        = mean.
+        """Return the cells' forces that give them the mean displacements `mean`.
+
+        They solve (B + delta) y = mean on the cells with points, directly or by
+        conjugate gradients.
         """
+        y = np.zeros_like(mean)
         if self._inverse is not None:
-            y = np.zeros_like(mean)
             y[self._used] = self._inverse @ mean[self._used]
             return y
-        y, r, d = np.zeros_like(mean), mean.copy(), np.zeros_like(mean)
-        goal, rho_old = _REDUCTION**2 * dot(r, r), np.inf
-        for _ in range(50):
+        r = mean.copy()
+        d = np.zeros_like(mean)
+        goal = _REDUCTION**2 * dot(r, r)
+        last_rho = np.inf
+        for _ in range(_MAX_ITERATIONS):
             s = self._filter(r, self._smoother)
             rho = keep_used(s, self._delta, r)
             if not rho > 0:
                 break
-            d = s + (rho / rho_old) * d
+            d = s + (rho / last_rho) * d
+            last_rho = rho
             v = self._filter(d, self._body.kernel)
-            alpha, rho_old = rho / add_own(v, self._delta, d), rho
+            alpha = rho / add_delta(v, self._delta, d)
             if descend(y, r, d, v, alpha) <= goal:
                 break
         return y
 
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
+        """Return values (cells,) with each mode of their transform times `modes`."""
         cells = self._cells
         return filtered(values.reshape(cells.shape), modes, cells.workers).reshape(-1)
 
 
 def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the phases per point, (mx, 1) and (1, my), of a sample of the modes."""
     x, y = (np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape)
     return x[:, None], y[None, :]
 
 
 def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | None:
-    """Fit (3, 3) taps to 1/S in relative terms, over the wavelengths up to two
-    cells.
+    """Return taps (3, 3) fitted to 1/S in relative terms; None if the fit is poor.
+
+    sample: a quarter of the modes of S; sides: points of a cell along each direction.
+    The fit is over the wavelengths up to two cells.
     """
     x, y = _phases(sample)
     one = np.ones(sample.shape)
     parts = [one, 2 * np.cos(y) * one]
     if sample.shape[0] > 1:
         parts += [2 * np.cos(x) * one, 4 * np.cos(x) * np.cos(y)]
-    wanted = (np.hypot(x * sides[0], y * sides[1]) >= np.pi) & (sample > 0)
-    columns = np.stack([part[wanted] * sample[wanted] for part in parts], axis=1)
-    found = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
-    ratio, symbol = (
-        columns @ found,
-        sum(c * part for c, part in zip(found, parts, strict=True)),
-    )
+    fitted = (np.hypot(x * sides[0], y * sides[1]) >= np.pi) & (sample > 0)
+    columns = np.stack([part[fitted] * sample[fitted] for part in parts], axis=1)
+    coefficients = np.linalg.lstsq(columns, np.ones(len(columns)))[0]
+    ratio = columns @ coefficients
+    symbol = sum(c * part for c, part in zip(coefficients, parts, strict=True))
     if ratio.max() > _WORST_FIT or ratio.min() < 1 / _WORST_FIT or np.min(symbol) <= 0:
         return None
-    centre, along, across, corner = (*found, 0.0, 0.0)[:4]
+    centre, along, across, corner = (*coefficients, 0.0, 0.0)[:4]
     return np.array(
         [[corner, across, corner], [along, centre, along], [corner, across, corner]]
     )
 
 
 def _box(theta: FloatArray, side: FloatArray | float) -> FloatArray:
-    """The mean of exp(i theta j) over `side` neighbouring points, up to its phase."""
+    """Return the mean of exp(i theta j) over `side` points, up to its phase."""
     sine = np.sin(theta / 2)
     zero = sine == 0
-    return np.where(
-        zero, 1.0, np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine))
-    )
+    mean = np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine))
+    return np.where(zero, 1.0, mean)
 
 
 def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
-    """Modes of B, from each of the cells' modes and its nearest aliases on the grid."""
-    (nx, ny), (mx, my) = symbol.shape, cells
-    i, j = np.arange(mx // 2 + 1), np.arange(my // 2 + 1)
-    out = np.zeros((i.size, j.size))
-    columns = [j + b * my for b in (-1, 0, 1)] if my < ny else [j]
-    across = [(m, _box(2 * np.pi * m / ny, ny / my) ** 2) for m in columns]
-    for k in [i + a * mx for a in (-1, 0, 1)] if mx < nx else [i]:
+    """Return the modes (mx, my // 2 + 1) of B.
+
+    Each mode of the cells sums the mode of the points and its nearest aliases.
+    """
+    nx, ny = symbol.shape
+    mx, my = cells
+    i = np.arange(mx // 2 + 1)
+    j = np.arange(my // 2 + 1)
+    quarter = np.zeros((i.size, j.size))
+    aliases_x = [i + alias * mx for alias in (-1, 0, 1)] if mx < nx else [i]
+    aliases_y = [j + alias * my for alias in (-1, 0, 1)] if my < ny else [j]
+    for k in aliases_x:
         along = _box(2 * np.pi * k / nx, nx / mx)[:, None] ** 2
-        for m, box in across:
-            out += symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))] * (
-                along * box
-            )
-    out[0, 0] = 0.0
+        for m in aliases_y:
+            across = _box(2 * np.pi * m / ny, ny / my) ** 2
+            values = symbol.values[np.ix_(symbol.rows[np.abs(k)], np.abs(m))]
+            quarter += values * (along * across)
+    quarter[0, 0] = 0.0
     rows = np.arange(mx)
-    return np.asarray(out[np.minimum(rows, mx - rows)] * (mx * my / (nx * ny)))
+    return np.asarray(quarter[np.minimum(rows, mx - rows)] * (mx * my / (nx * ny)))
 
 
 def _delta(
     sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]
 ) -> FloatArray:
-    """delta by the number of points, up to those of a full cell."""
+    """Return delta by the number of points, from 0 to those of a full cell.
+
+    sample: a quarter of the modes of S; weights: of these modes along each direction in
+    a mean of all; sides: points of a cell along each direction.
+    """
     x, y = (theta.reshape(1, -1) for theta in _phases(sample))
 
     def displacement(a: FloatArray, b: FloatArray) -> FloatArray:
-        """The mean displacement of patches of a x b points under a unit force on
-        each.
-        """
+        """Return mean displacements of patches of a x b points under unit forces."""
         along = _box(x, a[:, None]) ** 2 * weights[0]
         across = _box(y, b[:, None]) ** 2 * weights[1]
         return np.asarray(np.sum((along @ sample) * across, axis=1))
 
     # Patches of so many points each, no narrower than a point.
-    most = int(np.ceil(sides[0]) * np.ceil(sides[1]))
-    number = np.unique(np.rint(np.geomspace(1, most, _PATCHES)))
-    share = np.sqrt(number / (sides[0] * sides[1]))
-    wide = np.maximum(1.0, number / np.maximum(1.0, share * sides[1]))
-    each = displacement(wide, number / wide)
-    whole = displacement(np.array([sides[0]]), np.array([sides[1]]))
-    delta = _DENSITY * np.maximum(each - whole, _LEAST_DELTA * each)
-    return np.interp(np.arange(most + 1), number, delta)
+    full = int(np.ceil(sides[0]) * np.ceil(sides[1]))
+    number = np.unique(np.rint(np.geomspace(1, full, _PATCHES)))
+    fraction = np.sqrt(number / (sides[0] * sides[1]))
+    width = np.maximum(1.0, number / np.maximum(1.0, fraction * sides[1]))
+    of_patches = displacement(width, number / width)
+    of_cell = displacement(np.array([sides[0]]), np.array([sides[1]]))
+    delta = _DENSITY * np.maximum(of_patches - of_cell, _LEAST_DELTA * of_patches)
+    return np.interp(np.arange(full + 1), number, delta)
 
 
 @compiled
 def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
-    """out = values - mean[cell]."""
+    """Write values - mean[cell] to `out`."""
     for k in range(cell.size):
         out[k] = values[k] - mean[cell[k]]
 
@@ -242,14 +274,20 @@ def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
 def gather_stencil(
     cell: Any, sums: Any, flat: Any, ny: int, taps: Any, index: Any, out: Any
 ) -> None:
-    """out = the 3 x 3 stencil on a masked grid at the points; sums: of out by cell.
+    """Write the 3 x 3 stencil on a masked grid to `out` at the points, and sum by cell.
 
-    flat: the masked grid, of ny columns and their halo, in one dimension.
+    flat: the masked grid, of ny columns and their halo, in one dimension; taps: (3, 3);
+    index: flat indices of the points.
     """
-    width, size = ny + LEFT + RIGHT, flat.size
-    centre, along, across, corner = taps[1, 1], taps[1, 2], taps[2, 1], taps[2, 2]
+    width = ny + LEFT + RIGHT
+    size = flat.size
+    centre = taps[1, 1]
+    along = taps[1, 2]
+    across = taps[2, 1]
+    corner = taps[2, 2]
     sums[:] = 0.0
-    row, end = -1, 0
+    row = -1
+    end = 0
     for k in range(index.size):
         if index[k] >= end:
             row = index[k] // ny
@@ -269,7 +307,7 @@ def gather_stencil(
 
 @compiled
 def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float]:
-    """out += shift[cell]; returns sum(out) and sum(out other)."""
+    """Add shift[cell] to `out`; return sum(out) and sum(out other)."""
     total = product = 0.0
     for k in range(cell.size):
         value = out[k] + shift[cell[k]]
@@ -281,7 +319,7 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
 
 @compiled
 def dot(a: Any, b: Any) -> float:
-    """Sum of a b, without the threads of a library, which cost more than they gain."""
+    """Return the sum of a b; a library's threads would cost more than they gain."""
     total = 0.0
     for k in range(a.size):
         total += a[k] * b[k]
@@ -290,7 +328,7 @@ def dot(a: Any, b: Any) -> float:
 
 @compiled
 def keep_used(s: Any, delta: Any, r: Any) -> float:
-    """s = 0 in cells without points, whose delta is 0; returns sum(s r)."""
+    """Set s to 0 in cells without points, whose delta is 0; return sum(s r)."""
     total = 0.0
     for k in range(s.size):
         if delta[k] > 0.0:
@@ -301,8 +339,8 @@ def keep_used(s: Any, delta: Any, r: Any) -> float:
 
 
 @compiled
-def add_own(v: Any, delta: Any, d: Any) -> float:
-    """v += delta d, but 0 in cells without points; returns sum(v d)."""
+def add_delta(v: Any, delta: Any, d: Any) -> float:
+    """Add delta d to v, but set 0 in cells without points; return sum(v d)."""
     total = 0.0
     for k in range(v.size):
         v[k] = v[k] + delta[k] * d[k] if delta[k] > 0.0 else 0.0
@@ -312,7 +350,7 @@ def add_own(v: Any, delta: Any, d: Any) -> float:
 
 @compiled
 def descend(y: Any, r: Any, d: Any, v: Any, alpha: float) -> float:
-    """y += alpha d, r -= alpha v; returns sum(r^2)."""
+    """Add alpha d to y and subtract alpha v from r; return sum(r^2)."""
     total = 0.0
     for k in range(y.size):
         y[k] += alpha * d[k]

@@ -24,52 +24,65 @@ from epcontact.bem.transforms import Convolution, Points, Symbol, single_precisi
 from epcontact.bem.workers import Workers, compiled, ranges, split
 from epcontact.results import FloatArray
 
-_WIDTH = (
-    2.0  # a: a larger one lowers the alias of the interpolation, but the stencil grows
-)
+# a of the Gaussian.  A larger one lowers the alias of the interpolation, but needs a
+# larger stencil.
+_WIDTH = 2.0
 _SAMPLE = 128  # modes in each direction from which the stencil is computed
-# Smaller grids, and larger shares of elastic points, are faster by transforms in single
-# precision. From the second size on, where grids are not in cache, transforms are
-# slower.
-_FEWEST, _LARGE = 64, 1 << 20
-_MOST_ELASTIC = 0.06, 0.15
-#: Grid points that a stencil reaches to each side, points that it handles at once (a
-#: register of single precision), and columns that a masked grid repeats on its left and
-#: right.
-REACH, RUN = 3, 16
-LEFT, RIGHT = REACH, RUN + REACH
+# Smaller grids, and larger fractions of elastic points, are faster by transforms in
+# single precision.
+_FEWEST = 64
+_MOST_ELASTIC = 0.06
+# From so many points on grids are not in cache.  Transforms are then slower, and more
+# elastic points pay.
+_LARGE = 1 << 20
+_MOST_ELASTIC_IF_LARGE = 0.15
+#: Grid points that a stencil reaches to each side.
+REACH = 3
+#: Points that a stencil handles at once: a register of single precision.
+RUN = 16
+#: Columns that a masked grid repeats on its left and right.
+LEFT = REACH
+RIGHT = RUN + REACH
 # Weights of the cubic through four coarse points in their middle: -FAR, NEAR, NEAR,
 # -FAR.
-_NEAR, _FAR = np.float32(9 / 16), np.float32(1 / 16)
+_NEAR = np.float32(9 / 16)
+_FAR = np.float32(1 / 16)
 # Unsigned indices need no test for a negative one that would keep a loop from
 # vectorising.
-_UINT, _RUN = np.uint64, np.uint64(RUN)
-# Compiled with what calls it: of functions of their own, kernels that are loaded would
-# round differently from those just compiled.
+_UINT = np.uint64
+_RUN = np.uint64(RUN)
+# Functions that are compiled into their callers.  As functions of their own, kernels
+# loaded from the cache would round differently from those just compiled.
 inlined = numba.njit(inline="always")
 
 
 def split_pays(symbol: Symbol, elastic: int) -> bool:
-    """True if the split operator is faster on so many points than single precision.
-    The grid's sides must be even, and its points about as far apart along both.
+    """Return True if the split operator is faster than single precision.
+
+    elastic: number of elastic points.  The grid's sides must be even, and its points
+    about as far apart along both axes.
     """
     nx, ny = symbol.shape
-    fits = (
-        nx % 2 == ny % 2 == 0
-        and min(nx, ny) >= _FEWEST
-        and symbol.far() == (False, False)
-    )
-    return fits and elastic <= _MOST_ELASTIC[nx * ny >= _LARGE] * nx * ny
+    if nx % 2 or ny % 2 or min(nx, ny) < _FEWEST or any(symbol.far()):
+        return False
+    most = _MOST_ELASTIC if nx * ny < _LARGE else _MOST_ELASTIC_IF_LARGE
+    return elastic <= most * nx * ny
 
 
 class MaskedGrid:
-    """A grid in single precision that is 0 except at listed points, the same ones for
-    ever. `array` (nx, LEFT + ny + RIGHT), with the columns at its sides repeated, is in
-    the memory of `field` (nx, ny), which is in double precision, unless this is too
-    narrow.
+    """A grid in single precision that is 0 except at listed points.
+
+    Attributes:
+        array: (nx, LEFT + ny + RIGHT), with the columns at its sides repeated.
+        columns: ny.
+        points: the listed points, which do not change.
     """
 
     def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
+        """Create the grid in the memory of `field`, unless this is too small.
+
+        field: (nx, ny) in double precision, which is overwritten.
+        """
         nx, self.columns = field.shape
         width = self.columns + LEFT + RIGHT
         memory = field.reshape(-1).view(np.float32)
@@ -77,17 +90,20 @@ class MaskedGrid:
             memory = np.empty(nx * width, dtype=np.float32)
         self.array = memory[: nx * width].reshape(nx, width)
         self.array.fill(0)
-        self.points, self._workers = points, workers
+        self.points = points
+        self._workers = workers
 
     def put(self, values: FloatArray) -> None:
-        """Set the values at the points."""
-        at = self.points
-        self._workers.each(put_single, self.array, *at.split(at.index, values))
+        """Set the values (points,) at the points."""
+        index, blocks = self.points.split(self.points.index, values)
+        self._workers.each(put_single, self.array, index, blocks)
 
 
 class SplitOperator:
-    """The counterpart of `Convolution.apply_on`; `masked` is to be set before it is
-    applied.
+    """The cheap counterpart of `Convolution.apply_on`.
+
+    Attributes:
+        masked: a masked grid of the points, to be set before the operator is applied.
     """
 
     masked: MaskedGrid
@@ -108,55 +124,63 @@ class SplitOperator:
     def apply_on(
         self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray
     ) -> tuple[float, float]:
-        """out = S values at the points, approximately; returns sum(out) and sum(out
-        other).
+        """Write S values at the points to `out`, approximately; all are (points,).
+
+        Returns sum(out) and sum(out other).
         """
-        masked, half = self.masked.array, self._half
+        fine = self.masked.array
+        half = self._half
         self.masked.put(values)
         first = [rows.start for rows in self._rows]
-        self.workers.each(restrict, masked, first, split(half, self._rows))
+        self.workers.each(restrict, fine, first, split(half, self._rows))
         self._coarse.apply(half, half)
         lists = points.split(points.index, out, other)
         total, product = self.workers.total(
-            gather_split, masked, half, self._taps, *lists
+            gather_split, fine, half, self._taps, *lists
         )
         return total, product
 
 
 def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
-    """The stencil, and the symbol of the half grid."""
+    """Return the stencil's taps, 2 REACH + 1 a side, and the half grid's symbol G."""
     nx, ny = symbol.shape
+    # The stencil is the short-range part of the kernel within its reach.
     sample, phases, weights = symbol.sampled(_SAMPLE)
-    i, j = np.arange(nx // 4 + 1), np.arange(ny // 4 + 1)
-    x, y = 2 * np.pi * i / nx, 2 * np.pi * j / ny
-    coarse = symbol.values[symbol.rows[: i.size], : j.size].copy()
-    coarse[0, 0] = sample[0, 0] = 0.0
-    phi, at = _gaussian(x, y), np.arange(-REACH, REACH + 1)
-    pairs = zip(phases, weights, strict=True)
-    along, across = (weight * np.cos(np.outer(at, theta)) for theta, weight in pairs)
-    taps = (
-        along @ (sample * (1 - _gaussian(*phases))) @ across.T
-    )  # the kernel within its reach
+    sample[0, 0] = 0.0
+    at = np.arange(-REACH, REACH + 1)
+    along, across = (
+        weight * np.cos(np.outer(at, theta))
+        for theta, weight in zip(phases, weights, strict=True)
+    )
+    taps = along @ (sample * (1 - _gaussian(*phases))) @ across.T
     taps[at[:, None] ** 2 + at**2 > REACH**2] = 0.0
-    short = np.cos(np.outer(x, at)) @ taps @ np.cos(np.outer(at, y))
-    rest = coarse * (1 - phi) - short
+    # The long-range part, with what the stencil lacks of the short-range one.
+    i = np.arange(nx // 4 + 1)
+    j = np.arange(ny // 4 + 1)
+    x = 2 * np.pi * i / nx
+    y = 2 * np.pi * j / ny
+    coarse = symbol.values[symbol.rows[: i.size], : j.size].copy()
+    coarse[0, 0] = 0.0
+    phi = _gaussian(x, y)
+    stencil = np.cos(np.outer(x, at)) @ taps @ np.cos(np.outer(at, y))
+    rest = coarse * (1 - phi) - stencil
     # Half of the fine points lie on coarse ones, half between four: weights (-1, 9, 9,
     # -1)/16.
-    along_x, along_y = (0.5 + (9 * np.cos(t) - np.cos(3 * t)) / 16 for t in (x, y))
-    coarse = (coarse * phi + rest * np.sqrt(phi)) / (
-        4 * np.outer(along_x, along_y) ** 2
-    )
+    cubic_x, cubic_y = (0.5 + (9 * np.cos(t) - np.cos(3 * t)) / 16 for t in (x, y))
+    coarse = coarse * phi + rest * np.sqrt(phi)
+    coarse /= 4 * np.outer(cubic_x, cubic_y) ** 2
     coarse[0, 0] = 0.0
     return taps, Symbol.from_quarter(np.maximum(coarse, 0.0), (nx // 2, ny // 2))
 
 
 def _gaussian(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return phi at the phases x (m,) and y (n,), as (m, n)."""
     return np.asarray(np.exp(-(_WIDTH**2) / 4 * (x[:, None] ** 2 + y**2)))
 
 
 @compiled
 def put_single(masked: Any, index: Any, values: Any) -> None:
-    """masked = values at the listed points of the grid, and in its repeated columns."""
+    """Write values to the points of a masked grid, and to its repeated columns."""
     ny = masked.shape[1] - LEFT - RIGHT
     for k in range(index.size):
         i = index[k] // ny
@@ -170,41 +194,53 @@ def put_single(masked: Any, index: Any, values: Any) -> None:
 
 @compiled
 def restrict(masked: Any, first: int, half: Any) -> None:
-    """half = P^T masked for rows from `first` on: the weights of coarse points -3 to 3
-    away.
+    """Write P^T masked to rows of the half grid, from row `first` on.
+
+    The weights of P^T are those of fine points -3 to 3 away.
     """
     nx = masked.shape[0]
     line = np.empty(masked.shape[1], dtype=np.float32)
     for row in range(half.shape[0]):
         i = 2 * (first + row)
-        here, up, down = masked[i], masked[(i - 1) % nx], masked[(i + 1) % nx]
-        above, below = masked[(i - 3) % nx], masked[(i + 3) % nx]
+        here = masked[i]
+        up = masked[(i - 1) % nx]
+        down = masked[(i + 1) % nx]
+        above = masked[(i - 3) % nx]
+        below = masked[(i + 3) % nx]
         for j in range(line.size):
             line[j] = here[j] + _NEAR * (up[j] + down[j]) - _FAR * (above[j] + below[j])
         for j in range(half.shape[1]):
             at = 2 * j + LEFT
-            pair, outer = line[at - 1] + line[at + 1], line[at - 3] + line[at + 3]
-            half[row, j] = line[at] + _NEAR * pair - _FAR * outer
+            near = line[at - 1] + line[at + 1]
+            far = line[at - 3] + line[at + 3]
+            half[row, j] = line[at] + _NEAR * near - _FAR * far
 
 
 @compiled
 def gather_split(
     fine: Any, coarse: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """out = the stencil on the fine grid plus the coarse one interpolated, at the
-    listed points. Those among RUN neighbours of a row are handled together.  Returns
-    sum(out), sum(out other).
+    """Write the stencil plus the interpolated coarse grid at the points to `out`.
+
+    fine: the masked grid; coarse: the half grid; index: flat indices of the points.
+    Points among RUN neighbours of a row are handled together.  Returns sum(out) and
+    sum(out other).
     """
-    nx, ny = fine.shape[0], fine.shape[1] - LEFT - RIGHT
+    nx = fine.shape[0]
+    ny = fine.shape[1] - LEFT - RIGHT
     near = np.empty(RUN, dtype=np.float32)
-    total, product, k = 0.0, 0.0, 0
+    total = product = 0.0
+    k = 0
     while k < index.size:
         i = index[k] // ny
         first = index[k] - i * ny
         near[:] = 0
         for a in range(-REACH, REACH + 1):
             row = i + a
-            row = row + nx if row < 0 else (row - nx if row >= nx else row)
+            if row < 0:
+                row += nx
+            elif row >= nx:
+                row -= nx
             add_row(near, fine[row, first:], taps[a + REACH])
         stop = index[k] + min(RUN, ny - first)
         while k < index.size and index[k] < stop:
@@ -219,9 +255,7 @@ def gather_split(
 
 @inlined
 def add_row(near: Any, row: Any, tap: Any) -> None:
-    """Add a row of the stencil at RUN points; `row` begins REACH columns before the
-    first.
-    """
+    """Add a row of the stencil at RUN points; `row` begins REACH columns before."""
     c0, c1, c2, c3 = tap[3], tap[2], tap[1], tap[0]
     for t in range(_RUN):
         at = _UINT(t)
@@ -235,11 +269,13 @@ def add_row(near: Any, row: Any, tap: Any) -> None:
 
 @inlined
 def interpolated_at(coarse: Any, i: int, j: int) -> Any:
-    """The coarse grid interpolated to a fine point, by cubics where it lies between."""
-    row, last = i // 2, coarse.shape[0] - 1
+    """Return the coarse grid at a fine point, by cubics where it lies between."""
+    row = i // 2
     if i % 2 == 0:
         return along_row(coarse[row], j)
-    before, after = row - 1 if row else last, row + 1 if row < last else 0
+    last = coarse.shape[0] - 1
+    before = row - 1 if row else last
+    after = row + 1 if row < last else 0
     beyond = after + 1 if after < last else 0
     near = along_row(coarse[row], j) + along_row(coarse[after], j)
     far = along_row(coarse[before], j) + along_row(coarse[beyond], j)
@@ -248,10 +284,12 @@ def interpolated_at(coarse: Any, i: int, j: int) -> Any:
 
 @inlined
 def along_row(row: Any, j: int) -> Any:
-    """A row of the coarse grid interpolated to a column of the fine one."""
-    k, last = j // 2, row.size - 1
+    """Return a row of the coarse grid at a column of the fine one."""
+    k = j // 2
     if j % 2 == 0:
         return row[k]
-    before, after = k - 1 if k else last, k + 1 if k < last else 0
+    last = row.size - 1
+    before = k - 1 if k else last
+    after = k + 1 if k < last else 0
     beyond = after + 1 if after < last else 0
     return _NEAR * (row[k] + row[after]) - _FAR * (row[before] + row[beyond])

@@ -59,7 +59,7 @@ from epcontact.machine import (
 )
 from epcontact.output.vtk import Precision
 from epcontact.results import ContactResult
-from epcontact.scene import Scene, whole
+from epcontact.scene import Scene, integer
 
 Outcome = (
     ContactResult | str
@@ -113,7 +113,7 @@ class Run:
 
     def __post_init__(self) -> None:
         if self.jobs is not None:
-            whole("jobs", self.jobs, 1)
+            integer("jobs", self.jobs, 1)
         for name, known in _KNOWN.items():
             if (given := getattr(self, name)) not in known:
                 raise InvalidCase(

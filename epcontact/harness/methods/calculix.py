@@ -34,7 +34,7 @@ import numpy as np
 
 from epcontact import results
 from epcontact.errors import InvalidScene, NotConverged, sentence_of
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.harness.processes import death_of
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
@@ -268,7 +268,7 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
         f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law {given.law}",
         f"mean pressures {', '.join(f'{p:g}' for p in scene.load.path)} Pa",
     ]
-    with whole_file(file) as temporary:
+    with atomic_write(file) as temporary:
         if file.suffix == ".inp":
             told = "".join(f"** {line}\n" for line in about)
             Path(temporary).write_text(

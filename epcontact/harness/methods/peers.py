@@ -26,7 +26,7 @@ from scipy.optimize import NoConvergence, anderson
 
 from epcontact import bem, results
 from epcontact.bem.areas.distribution import pressure_distribution
-from epcontact.bem.driver import figures
+from epcontact.bem.driver import areas_and_quantities
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.materials.moduli import effective_modulus
@@ -354,7 +354,7 @@ def result_of(
         raise NotConverged(
             "pressures of 0 or the cap, but open points lie below plastic ones"
         )
-    areas, found = figures(
+    areas, found = areas_and_quantities(
         bounded, capped, left, energy / pressure.size / 2, before, after
     )
     found["largest_pressure"] = float(pressure.max())

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import InvalidCase
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 
 #: The figures of the release; `epcontact compare NEW --keep FILE` writes such a table.
@@ -112,7 +112,7 @@ def keep(figures: pd.DataFrame, path: Path) -> None:
         error=figures["error"].map("{:.2g}".format, na_action="ignore")
     )
     shown.loc[same, [*_CASE, "scene"]] = None
-    with whole_file(path) as file:
+    with atomic_write(path) as file:
         shown.to_csv(file, index=False, float_format="%.9g")
 
 

@@ -26,7 +26,7 @@ from junitparser import (
 )
 
 from epcontact.errors import InvalidCase, OutputError, nearest, printable
-from epcontact.files import refusal, whole_file, write_json
+from epcontact.files import atomic_write, output_error, write_json
 from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import (
@@ -47,7 +47,7 @@ from epcontact.harness.verdict.judgement import (
     judge_case,
 )
 from epcontact.harness.verdict.made import Made
-from epcontact.scene import listed
+from epcontact.scene import as_tuple
 
 try:
     import fcntl
@@ -134,7 +134,7 @@ def _with_solver(
     """
     methods = dict(METHODS)
     named = (
-        [cases] if isinstance(cases, Case) else [] if cases is None else listed(cases)
+        [cases] if isinstance(cases, Case) else [] if cases is None else as_tuple(cases)
     )
     loaded = _loaded(named or cases_to_verify(size), size)
     if solver:
@@ -232,7 +232,7 @@ def only_writer(folder: Path) -> Iterator[None]:
                 f"cannot write {folder}: another run is writing its verdict"
             ) from None
         except OSError as error:
-            raise refusal("write", folder, error) from None
+            raise output_error("write", folder, error) from None
         try:
             yield
         finally:
@@ -252,7 +252,7 @@ def set_verdict_aside(folder: Path) -> None:
             try:
                 path.replace(path.with_name(f"{EARLIER}{path.name}"))
             except OSError as error:
-                raise refusal("rename", path, error) from None
+                raise output_error("rename", path, error) from None
 
 
 def write_verdict(verdict: Verdict, folder: Path) -> None:
@@ -266,7 +266,7 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
             suite.timestamp = verdict.made.date
         xml.add_testsuite(suite)
     xml.update_statistics()  # type: ignore[no-untyped-call]
-    with whole_file(folder / "junit.xml") as path:
+    with atomic_write(folder / "junit.xml") as path:
         xml.write(str(path), pretty=True)
 
 

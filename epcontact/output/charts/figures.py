@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from epcontact.files import whole_file
+from epcontact.files import atomic_write
 from epcontact.output.charts.style import SETTINGS
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Chart:
         with contextlib.ExitStack() as stack:
             # All four are on the disk before the first one is renamed.
             for path, content in zip(paths, contents.values(), strict=True):
-                stack.enter_context(whole_file(path)).write_bytes(content)
+                stack.enter_context(atomic_write(path)).write_bytes(content)
         return tuple(paths)
 
     def _bytes(self, kind: str, metadata: dict[str, Any]) -> bytes:
