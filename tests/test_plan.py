@@ -46,7 +46,8 @@ def mean_total(answer):
 def true_total(case):
     """The area of a closed form, or that of the case's own fine grid."""
     gates = (g.against for g in case.gates if g.quantity == "area.total.corrected")
-    scene, against = case.scene(case.recipes[0]), next(gates, "")
+    scene = case.scene(case.recipes[0])
+    against = next(gates, "")
     if against in CLOSED_FORMS:
         return CLOSED_FORMS[against].scalar("area.total.corrected", scene)
     return bem.solve(scene, area_tolerance=1e-4).final.areas["corrected"].total
@@ -127,7 +128,8 @@ def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(
 
 def test_a_plan_refines_where_edges_hold_the_fronts():
     punch = load_case("punch-disc")
-    recipe, chosen = punch.recipes[0], plan(punch, 0.02, threads=1)
+    recipe = punch.recipes[0]
+    chosen = plan(punch, 0.02, threads=1)
     assert math.prod(chosen.shape) >= 4 * math.prod(plan(punch, 0.1, threads=1).shape)
     answer = solved(planned(punch, chosen))
     assert achieved_error(chosen, answer) <= 0.02
@@ -146,7 +148,8 @@ def test_a_plan_refines_where_edges_hold_the_fronts():
 def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
     case = load_case("rough-capped")
     chosen = plan(case, 0.02, threads=1)
-    answer, check = solved(planned(case, chosen)), finer_case(case, chosen)
+    answer = solved(planned(case, chosen))
+    check = finer_case(case, chosen)
     assert check.recipes[0].shape == tuple(2 * n for n in chosen.shape)
     finer = solved(check)
     assert achieved_error(chosen, answer, finer) <= 0.02
@@ -195,7 +198,8 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
 @pytest.mark.long
 def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
     case = load_case(write_case(), "full").changed(methods=("bem",))
-    first, kept = case.recipes[0], 0
+    first = case.recipes[0]
+    kept = 0
     fine = replace(first, shape=tuple(2 * n for n in first.shape))
     truths = tuple(replace(fine, seed=s) for s in range(1000, 1300))
     truth = mean_total(solved(case.changed(recipes=truths)))
@@ -212,7 +216,8 @@ def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
 
 def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
     case = load_case(write_case())
-    loose, tight = plan(case, 0.9, threads=1), plan(case, 0.02, threads=1)
+    loose = plan(case, 0.9, threads=1)
+    tight = plan(case, 0.02, threads=1)
     assert (loose.method, loose.work) == ("persson", 0.0)
     assert tight.method == "bem"
     assert any("so the theory does not suffice" in reason for reason in tight.reasons)
