@@ -34,11 +34,11 @@ from epcontact.surfaces import (
 from epcontact.surfaces.power_spectrum import even_moments, surface_moments
 from epcontact.surfaces.treatment import (
     EDGE_ERRORS,
-    EDGE_SHARES,
+    EDGE_FRACTIONS,
     edge_jumps,
-    filled,
-    form_removed,
-    outliers,
+    fill_holes,
+    find_outliers,
+    remove_form,
 )
 
 # The heights are about as large as the period, which changes nothing of what is tested
@@ -269,8 +269,8 @@ def test_what_a_real_surface_does_is_no_outlier(kind):
         heights = KINDS[kind](
             member(KINDS, kind, seed, 96), np.random.default_rng(seed)
         )
-        assert not outliers(heights).any()
-        assert not outliers(np.round(heights / np.ptp(heights) * 60)).any()
+        assert not find_outliers(heights).any()
+        assert not find_outliers(np.round(heights / np.ptp(heights) * 60)).any()
 
 
 def test_a_plane_or_constant_is_flat_to_the_last_digit():
@@ -402,9 +402,9 @@ def test_a_form_is_all_gone(shape, order):
     form = sum(powers[: order + 1])
     rough = np.random.default_rng(0).standard_normal(shape)
     rough[3:9] = np.nan
-    bare = form_removed(rough, order)
+    bare = remove_form(rough, order)
     # The form is 40 high at most, so it leaves a few of its roundings.
-    assert np.nanmax(np.abs(form_removed(rough + form, order) - bare)) < 1e-12
+    assert np.nanmax(np.abs(remove_form(rough + form, order) - bare)) < 1e-12
     # What is left is orthogonal to the form, as least squares leave it.
     assert np.nansum(bare * form) == pytest.approx(0, abs=1e-10)
 
@@ -421,11 +421,11 @@ def test_missing_points_are_filled_and_said(write):
     ):
         surface = recipe.build()
         assert surface.heights + np.nanmean(holed) == pytest.approx(saddle, abs=1e-10)
-    assert filled(holed, "nearest")[4, 5] == saddle[3, 5]
+    assert fill_holes(holed, "nearest")[4, 5] == saddle[3, 5]
     edge = np.array(
         [np.nan, np.nan, 1.0, np.nan, 4.0, np.nan]
     )  # at a right angle to the edge
-    assert filled(edge, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
+    assert fill_holes(edge, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
 
 
 def test_waves_outside_a_band_are_removed():
@@ -442,7 +442,7 @@ def test_a_file_is_mirrored_so_that_no_edge_is_left(write):
     """
     recipe = HeightsFromFile(write("cut.npy", CUT_OUT), pixel_size=0.5, unit=1.0)
     (of_all,) = recipes_of(recipe)
-    surface, inside = of_all.build(), form_removed(CUT_OUT, 1)
+    surface, inside = of_all.build(), remove_form(CUT_OUT, 1)
     assert surface.shape == of_all.shape == (80, 62)
     assert surface.periods == of_all.periods == (40.0, 31.0)
     assert surface.heights[:40, :31] == pytest.approx(inside, abs=1e-12)
@@ -463,11 +463,11 @@ def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size()
     for n, treatment in itertools.product((48, 96), ("mirrored", "periodic")):
         cut = large[:n, : 3 * n // 4]  # no square
         surface = HeightsFromArray(cut, cut.shape, treatment, form=1).build()
-        found = even_moments(form_removed(cut, 1), (1.0, 1.0))
+        found = even_moments(remove_form(cut, 1), (1.0, 1.0))
         length = found.rms_slope / found.rms_curvature / (3 * n // 4)
         share = {name: times * length for name, times in EDGE_ERRORS[treatment].items()}
         assert surface.treatment_errors == pytest.approx(
-            share | EDGE_SHARES[treatment], rel=1e-9
+            share | EDGE_FRACTIONS[treatment], rel=1e-9
         )
         shares[treatment, n] = share["elastic_area"]
     assert (
@@ -505,7 +505,7 @@ def test_edges_have_an_error_of_their_own_that_is_told_and_falls_with_the_size()
 def test_the_slope_of_an_effective_hardness_does_not_see_the_jumps_at_the_edges():
     spectrum = SelfAffineSpectrum(0.8, L / 256, L / 64, L / 4, 0.05)
     large = SelfAffine(spectrum, (256.0, 256.0), (256, 256), seed=4).build()
-    cut = form_removed(large.heights[:64, :64], 1)
+    cut = remove_form(large.heights[:64, :64], 1)
     seen = surface_moments(Surface(cut, (64.0, 64.0))).rms_slope
     assert even_moments(cut, (1.0, 1.0)).rms_slope == pytest.approx(0.05, rel=0.05)
     assert seen > 1.1 * 0.05

@@ -35,7 +35,7 @@ from epcontact.studies.frame import (
 from epcontact.studies.paper_scene import self_affine
 from epcontact.surfaces import HeightsFromArray
 from epcontact.surfaces.power_spectrum import even_moments
-from epcontact.surfaces.treatment import form_removed
+from epcontact.surfaces.treatment import remove_form
 
 SLOPE = 0.05
 HARDNESS = 0.2 * SLOPE
@@ -120,7 +120,7 @@ def _treated(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
     its side.
     """
     surface = HeightsFromArray(heights, heights.shape, treatment, form=1).build()
-    moments = even_moments(form_removed(heights, 1), (1.0, 1.0))
+    moments = even_moments(remove_form(heights, 1), (1.0, 1.0))
     return surface, moments.rms_slope / moments.rms_curvature / len(heights)
 
 

@@ -35,7 +35,7 @@ from epcontact.surfaces.recipe import (
     entry,
     require_room,
 )
-from epcontact.surfaces.treatment import EdgeField, Preparation, prepared
+from epcontact.surfaces.treatment import EdgeField, Preparation, prepare_surface
 
 #: A path counts as unloaded if it ends below this share of its largest mean pressure.
 UNLOADED = 1e-2
@@ -85,7 +85,7 @@ class HeightsFromArray(Preparation):
 
     def build(self) -> Surface:
         """Treat the heights.  Raises InvalidScene if they are refused."""
-        return prepared(np.asarray(self.heights), self, "heights")
+        return prepare_surface(np.asarray(self.heights), self, "heights")
 
 
 def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
@@ -225,7 +225,7 @@ class HeightsFromFile(Preparation):
             notes.append(
                 f"the periods make the grid {along_x} of the file, and {along_y}"
             )
-        surface = prepared(
+        surface = prepare_surface(
             stored.heights,
             self,
             str(self.path),

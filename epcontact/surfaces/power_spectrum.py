@@ -232,7 +232,7 @@ def filtered(
     band = f"{low!r} to " if low else ""
     return replace(
         surface,
-        heights=kept_waves(surface.heights, surface.periods, high, low),
+        heights=band_pass(surface.heights, surface.periods, high, low),
         spectrum=spectrum,
         shortest_wavelength=max(2 * math.pi / high, surface.shortest_wavelength or 0.0)
         or None,
@@ -240,7 +240,7 @@ def filtered(
     )
 
 
-def kept_waves(
+def band_pass(
     heights: FloatArray, periods: tuple[float, ...], highest: float, lowest: float = 0.0
 ) -> FloatArray:
     """Return heights of these periods without the waves outside a band; see

@@ -1,22 +1,22 @@
 """The treatment that makes a measured map a surface: holes, form, edges, band.
 
-A map is treated in this order, and a sentence on each step is among the notes of its
+A map is treated in this order, and each step adds a sentence to the notes of the
 surface:
 
 1. outliers, spikes of an instrument, are found, and lose their heights if the user asks
    for it;
-2. a least-squares polynomial (`form`) is removed, fitted to the points that have a
-   height;
+2. a least-squares polynomial (`form`), fitted to the points that have a height, is
+   removed;
 3. points without a height (NaN) are filled;
 4. the map is mirrored at its edges, or taken as it is;
 5. waves outside a band are removed.
 
 Every method here is periodic, but a measured map rarely is: its heights jump across its
 edges.  A map counts as not periodic if the rms difference of its last and first rows is
-more than `LARGEST_JUMP` times the largest one of two neighbouring rows.  Mirrored, a
-map has no such cliffs, which count as slope in its spectrum and carry load as edges of
-punches do; it has four times the points.  `epcontact chart treatment` shows what each
-treatment does to the answers.
+more than `LARGEST_JUMP` times the largest rms difference of two neighbouring rows.
+Jumps at the edges are cliffs, which count as slope in the spectrum of the map and carry
+load as edges of punches do.  A mirrored map has no such cliffs; it has four times the
+points.  `epcontact chart treatment` shows what each treatment does to the results.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from epcontact.scene import (
     set_frozen,
     warn_user,
 )
-from epcontact.surfaces.power_spectrum import inner_moments, kept_waves, surface_moments
+from epcontact.surfaces.power_spectrum import band_pass, inner_moments, surface_moments
 from epcontact.surfaces.recipe import Fields, Real, entry
 
 Treatment = Literal["mirrored", "periodic", "refuse"]
@@ -52,40 +52,56 @@ EdgeField = Annotated[
 #: Edge jump over the largest jump between neighbours, above which a map counts as not
 #: periodic.
 LARGEST_JUMP = 2.0
-#: An outlier is so many times as far from the median of its neighbours as 99 of 100
-#: neighbours are apart, and times the spread of the heights around it.  Clean maps of
-#: 20 kinds reach 4.1 and .87, spikes of four times the rms height 4.4 and 1.1 to 40
-#: (`laboratory.trial_map`).
+#: An outlier is further from the median of its neighbours than SPIKE times the distance
+#: within which 99 of 100 neighbours are, and than SPREAD times the spread of the
+#: heights around it.  Clean maps of 20 kinds reach 4.1 and 0.87, spikes of four times
+#: the rms height 4.4 and 1.1 to 40 (`laboratory.trial_map`).
 SPIKE, SPREAD = 3.0, 1.2
-#: Heights whose rms is this share of those before form was removed are rounding: the
-#: map is flat.
+#: Heights are rounding errors, and the map is flat, if their rms is below this fraction
+#: of the largest height before form was removed.
 ROUNDING = 1e-12
-#: Errors by the treatment of edges, to which nine of ten maps of six kinds of surfaces
-#: keep (`epcontact chart treatment --full`), of areas over the total one.  These are
-#: times rms slope over rms curvature over the shorter side; EDGE_SHARES do not fall
-#: with the size of the map.
+#: Factors of the errors by the treatment of edges.  An error is the factor times rms
+#: slope over rms curvature over the shorter side of the map.  Errors of areas are
+#: fractions of the total area, and the others are relative.  Nine of ten maps of six
+#: kinds of surfaces stay within them (`epcontact chart treatment --full`).
 EDGE_ERRORS = {
-    "mirrored": {"total_area": 1.5, "elastic_area": 2.6, "plastic_area": 1.2}
-    | {"stiffness_loading": 5.0, "stiffness_unloading": 2.7, "conductance": 2.7},
+    "mirrored": {
+        "total_area": 1.5,
+        "elastic_area": 2.6,
+        "plastic_area": 1.2,
+        "stiffness_loading": 5.0,
+        "stiffness_unloading": 2.7,
+        "conductance": 2.7,
+    },
     "periodic": {"total_area": 2.5, "elastic_area": 4.3, "plastic_area": 1.7},
 }
-EDGE_SHARES = {
+#: Relative errors by the treatment of edges that do not fall with the size of the map.
+EDGE_FRACTIONS = {
     "mirrored": {"mean_gap": 0.03, "contact_percolation": 0.3, "gap_percolation": 0.32},
-    "periodic": {"mean_gap": 0.078, "contact_percolation": 1.4, "gap_percolation": 0.2}
-    | {"stiffness_loading": 0.15, "stiffness_unloading": 0.24, "conductance": 0.24},
+    "periodic": {
+        "mean_gap": 0.078,
+        "contact_percolation": 1.4,
+        "gap_percolation": 0.2,
+        "stiffness_loading": 0.15,
+        "stiffness_unloading": 0.24,
+        "conductance": 0.24,
+    },
 }
-_FORMS = {0: "mean height", 1: "least-squares plane", 2: "least-squares quadratic form"}
+#: What the polynomials of total order 0, 1 and 2 are called in notes.
+_FORMS = ("mean height", "least-squares plane", "least-squares quadratic form")
+#: Most outliers whose positions a note lists.
+_LISTED = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Preparation(Fields):
     """The steps that a recipe of measured heights can ask for, beside `treatment`.
 
-    Outliers are told if they are kept; removed ones are filled like missing heights,
-    which are those of the nearest points ("nearest"), or span a hole like a soap film
-    ("harmonic", the solution of Laplace's equation).  By default, `form` is 1 for a map
-    that is mirrored, or taken as periodic though mostly a tilt makes its heights jump
-    at the edges.
+    A note reports outliers that are kept; removed outliers are filled like missing
+    heights.  The method "nearest" gives a missing height that of the nearest point.
+    The method "harmonic" spans a hole like a soap film (the solution of Laplace's
+    equation).  By default, `form` is 1 for a map that is mirrored, and for a map that
+    is taken as periodic though its heights jump at the edges mostly because of a tilt.
     """
 
     missing: Annotated[
@@ -117,16 +133,19 @@ class Preparation(Fields):
         if self.form is not None:
             form = number("form", self.form, "0, 1 or 2", lambda v: v in (0, 1, 2))
             set_frozen(self, form=int(form))
-        longest, shortest = self.longest_wavelength, self.shortest_wavelength
+        longest = self.longest_wavelength
+        shortest = self.shortest_wavelength
         if longest is not None and shortest is not None and not shortest < longest:
             raise InvalidScene(
-                f"shortest_wavelength is {shortest:g} m, but must be below longest_wavelength = "
-                f"{longest:g} m"
+                f"shortest_wavelength is {shortest:g} m, but must be below "
+                f"longest_wavelength = {longest:g} m"
             )
 
     @property
     def steps(self: Any) -> str:
-        """The steps as a part of a fingerprint."""
+        """The steps as a part of a fingerprint; those left at their defaults are not
+        named.
+        """
         words: str = f"{self.treatment}/2"
         for name in (
             "missing",
@@ -135,12 +154,13 @@ class Preparation(Fields):
             "longest_wavelength",
             "shortest_wavelength",
         ):
-            if getattr(self, name) not in (None, "refuse", "keep"):
-                words += f" {name}={getattr(self, name)!r}"
+            value = getattr(self, name)
+            if value not in (None, "refuse", "keep"):
+                words += f" {name}={value!r}"
         return words
 
 
-def prepared(
+def prepare_surface(
     given: NDArray[Any],
     recipe: Any,
     where: str,
@@ -148,263 +168,361 @@ def prepared(
     unit: float = 1.0,
     filled_before: NDArray[np.bool_] | None = None,
 ) -> Surface:
-    """Treat a recipe's heights, NaN where missing and in `unit` of metres.  Raises
-    InvalidScene.  The mask `filled` of the surface marks the heights that are filled
-    here and those that were filled before.
+    """Treat the heights of a map as its recipe says, and return the surface.
+
+    The mask `Surface.filled` marks the heights that are filled here and those that were
+    filled before.
+
+    Args:
+        given: heights (nx, ny) or (nx,) in `unit`, NaN where missing.
+        recipe: a `Preparation` with `treatment`, `periods` (m) and `fingerprint`.
+        where: the name of the argument or file, with which a message begins.
+        notes: sentences on how the heights were read.
+        unit: the unit of the heights, in m.
+        filled_before: mask of the heights that an earlier treatment filled, if any.
+
+    Raises:
+        InvalidScene: Heights are missing and must not be filled, have an impossible
+            size, or jump at the edges and are refused for it.
     """
     heights = np.multiply(given, unit, dtype=np.float64, order="C")
     require_usable(heights, where, recipe.missing)
     said = [*warn_user(levels_note(given.dtype)), *notes, *_mark_notes(heights, unit)]
-    if (spikes := outliers(heights)).any():
+    spikes = find_outliers(heights)
+    if spikes.any():
         said += _spike_notes(heights, spikes, recipe)
         if recipe.outliers == "remove":
             heights[spikes] = np.nan
-    largest = float(np.nanmax(np.abs(heights)))
-    order, why = recipe.form, ""
-    if order is None and recipe.treatment == "mirrored":
-        order = 1
-    elif order is None and recipe.treatment == "periodic":
-        whole = filled(heights, "nearest") if np.isnan(heights).any() else heights
-        level = edge_jumps(form_removed(whole, 1))
-        both = zip(edge_jumps(whole), level, strict=True)
-        if any(_jumping([was]) and now[0] < was[0] / 2 for was, now in both):
-            order, why = 1, ", because its tilt makes the edges jump; form = 0 keeps it"
-    if order is not None:
-        heights = form_removed(heights, order)
-        said.append(f"{_FORMS[order]} removed{why}")
-    if 0 < np.nanstd(heights) < ROUNDING * largest:
-        heights = np.where(np.isnan(heights), np.nan, 0.0)
-        said.append("what is left is rounding, so that the surface is flat")
-    replaced = np.isnan(heights)
-    if replaced.any():
-        heights, told = _with_fill(heights, given, recipe.missing)
-        said += told
+    unset = recipe.treatment == "periodic" and recipe.form is None
+    tilted = unset and _is_tilted(heights)
+    heights, form_notes = _without_form(heights, recipe, tilted)
+    said += form_notes
+    filled = np.isnan(heights)
+    if filled.any():
+        heights, fill_notes = _without_holes(heights, given, recipe.missing)
+        said += fill_notes
     if filled_before is not None:
-        replaced |= filled_before
+        filled |= filled_before
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
-    if recipe.treatment == "refuse" and _jumping(jumps):
-        remedy = '"mirrored", which mirrors the map at its edges, or to "periodic" to take it as it is'
+    if recipe.treatment == "refuse" and _is_jumping(jumps):
         raise InvalidScene(
-            f"{where}: not periodic, {said[-1]}; set treatment to {remedy}"
+            f'{where}: not periodic, {said[-1]}; set treatment to "mirrored", which '
+            'mirrors the map at its edges, or to "periodic" to take it as it is'
         )
     periods = recipe.periods
-    treated = recipe.treatment == "mirrored" or bool(why) or _jumping(jumps)
     if recipe.treatment == "mirrored":
-        after = [(0, n) for n in heights.shape]
-        heights = np.pad(heights, after, mode="symmetric")
-        replaced = np.pad(replaced, after, mode="symmetric")
+        added = [(0, n) for n in heights.shape]
+        heights = np.pad(heights, added, mode="symmetric")
+        filled = np.pad(filled, added, mode="symmetric")
         periods = tuple(2 * p for p in periods)
         said.append(
             "mirrored at its edges, so that the period is twice the map each way"
         )
-    limits = {
-        "longer": recipe.longest_wavelength,
-        "shorter": recipe.shortest_wavelength,
-    }
-    if bounds := [
-        f"{word} than {length:.3g} m" for word, length in limits.items() if length
-    ]:
-        low, high = (
-            2 * math.pi / length if length else None for length in limits.values()
-        )
-        heights = kept_waves(heights, periods, high or math.inf, low or 0.0)
-        said.append(f"waves {' and '.join(bounds)} removed")
+    heights, band_notes = _within_band(heights, periods, recipe)
+    said += band_notes
     heights.flags.writeable = False
-    known = {
-        "shortest_wavelength": recipe.shortest_wavelength,
-        "recipe": recipe.fingerprint,
-        "filled": replaced,
-    }
-    return _with_doubts(
-        Surface(heights, periods, notes=tuple(said), **known), recipe, treated
+    surface = Surface(
+        heights,
+        periods,
+        shortest_wavelength=recipe.shortest_wavelength,
+        recipe=recipe.fingerprint,
+        notes=tuple(said),
+        filled=filled,
     )
+    treated = recipe.treatment == "mirrored" or tilted or _is_jumping(jumps)
+    return _with_edge_errors(surface, recipe, treated)
 
 
-def _with_fill(
-    heights: FloatArray, given: NDArray[Any], missing: str
-) -> tuple[FloatArray, list[str]]:
-    """Return the heights without holes, and a note if some were missing in the map
-    itself.
-
-    Where missing heights are refused, the only holes are those of removed outliers,
-    which are filled harmonically.
-    """
-    method = "harmonic" if missing == "refuse" else missing
-    absent = int(np.count_nonzero(np.isnan(given)))
-    percent = f"{100 * absent / heights.size:.2g} %"
-    note = f"{absent} of {heights.size} heights missing ({percent}), filled by the method {method}"
-    return filled(heights, method), [note] if absent else []
-
-
-def _with_doubts(surface: Surface, recipe: Any, treated: bool) -> Surface:
-    """Add notes on the slopes of a map, and what the treatment of its edges may
-    change.
-    """
-    inside = inner_moments(surface)
-    said = [*surface.notes, *_slope_notes(surface, inside.rms_slope)]
-    if not treated or inside.rms_curvature == 0:
-        return replace(surface, notes=tuple(said))
-    length = inside.rms_slope / inside.rms_curvature / min(recipe.periods)
-    falling = {
-        name: length * times for name, times in EDGE_ERRORS[recipe.treatment].items()
-    }
-    shares = falling | EDGE_SHARES[recipe.treatment]
-    each = ", ".join(
-        f"{n.replace('_', ' ')} {100 * s:.3g} %" for n, s in shares.items()
-    )
-    told = f"the treatment of the edges, {recipe.treatment}, changes in nine of ten maps by up to"
-    said.append(
-        f"{told} (areas of the total one): {each}; this is a part of the error of each"
-    )
-    return replace(surface, notes=tuple(said), treatment_errors=shares)
-
-
-def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
-    """Yield the rms slopes of a map where they differ, that of its spectrum without
-    jumps first.
-    """
-    by_steps, with_edges = surface.rms_slope, surface_moments(surface).rms_slope
-    if not math.isclose(slope, by_steps, rel_tol=0.01):
-        of_waves = (
-            f"rms slope {slope:.4g} of the spectrum, which an effective hardness takes"
-        )
-        yield f"{of_waves}, and {by_steps:.4g} from differences of neighbours"
-    if with_edges != slope:
-        yield (
-            f"the jumps at the edges make the rms slope of the spectrum {with_edges:.4g}, which a "
-            'theory of spectrum = "surface" takes; treatment = "mirrored" has no jumps'
-        )
+# --- outliers and marks ---------------------------------------------------------------
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
-    """Yield a warning of a height, far from all others, that may mark missing ones
-    (-9999).
+    """Yield a warning of a repeated height, far from all others, such as -9999.
+
+    An instrument may mark points without a height by it.
     """
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
         rest = heights[~marked & ~np.isnan(heights)]
         count = int(np.count_nonzero(marked))
         if count >= 2 and rest.size and 0 < np.ptp(rest) < np.abs(rest - mark).min():
-            told = f"{count} heights are {mark / unit:.6g}, far from all others"
-            yield f"{told}; if this marks points without a height, write NaN in its place"
+            yield (
+                f"{count} heights are {mark / unit:.6g}, far from all others; if this "
+                "marks points without a height, write NaN in its place"
+            )
 
 
-def outliers(heights: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of the spikes, at most two points wide, of heights, NaN where
-    missing.
+def find_outliers(heights: FloatArray) -> NDArray[np.bool_]:
+    """Return the mask of the spikes, which are at most two points wide.
+
+    A spike is far from the median of its 3 x 3 neighbourhood, compared with usual
+    differences of neighbours (`SPIKE`) and with the spread of the heights in the ring
+    of points around it (`SPREAD`).
+
+    Args:
+        heights: (nx, ny) or (nx,), NaN where missing, which is no outlier.
     """
     from scipy import ndimage
 
-    whole = filled(heights, "nearest") if np.isnan(heights).any() else heights
-    steps = [np.abs(np.diff(whole, axis=axis)).ravel() for axis in range(whole.ndim)]
+    missing = np.isnan(heights)
+    complete = fill_holes(heights, "nearest") if missing.any() else heights
+    axes = range(complete.ndim)
+    steps = [np.abs(np.diff(complete, axis=axis)).ravel() for axis in axes]
     usual = float(np.percentile(np.concatenate(steps), 99))
-    away = np.abs(whole - ndimage.median_filter(whole, 3, mode="mirror"))
-    found = away > SPIKE * usual
-    if usual == 0 or not found.any() or min(whole.shape) < 4:
-        return np.zeros(whole.shape, bool)
-    ring = np.ones((7,) * whole.ndim, bool)
-    ring[(slice(2, 5),) * whole.ndim] = False
-    padded = np.pad(whole, 3, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, ring.shape)[found][
-        :, ring
-    ]
+    medians = ndimage.median_filter(complete, 3, mode="mirror")
+    distance = np.abs(complete - medians)
+    spikes = distance > SPIKE * usual
+    if usual == 0 or not spikes.any() or min(complete.shape) < 4:
+        return np.zeros(complete.shape, bool)
+    ring = np.ones((7,) * complete.ndim, bool)
+    ring[(slice(2, 5),) * complete.ndim] = False
+    padded = np.pad(complete, 3, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, ring.shape)
+    around = windows[spikes][:, ring]
     low, high = np.percentile(around, (10, 90), axis=1)
-    found[found] = away[found] > SPREAD * (high - low)
-    return np.asarray(found & ~np.isnan(heights))
+    spikes[spikes] = distance[spikes] > SPREAD * (high - low)
+    return np.asarray(spikes & ~missing)
 
 
 def _spike_notes(
     heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any
 ) -> Iterator[str]:
-    """Yield how many outliers there are, where, and what becomes of them; warn if they
-    stay.
-    """
+    """Yield how many outliers there are and where; warn the user if they stay."""
     spacing = np.divide(recipe.periods, heights.shape)
-    first = (np.argwhere(spikes)[:6] * spacing).tolist()
-    places = [f"({', '.join(f'{x:.3g}' for x in place)})" for place in first]
-    count = int(spikes.sum())
-    where = f"{', '.join(places)}{f' and {count - 6} more' if count > 6 else ''}"
-    what = f"{count} of {heights.size} heights are outliers, spikes far above or below all around: "
+    points = np.argwhere(spikes)
+    places = []
+    for place in (points[:_LISTED] * spacing).tolist():
+        coordinates = ", ".join(f"{x:.3g}" for x in place)
+        places.append(f"({coordinates})")
+    where = ", ".join(places)
+    if len(points) > _LISTED:
+        where += f" and {len(points) - _LISTED} more"
+    count = f"{len(points)} of {heights.size} heights are outliers, "
+    count += "spikes far above or below all around"
     if recipe.outliers == "remove":
-        yield f"{what}removed, at {where} m"
+        yield f"{count}: removed, at {where} m"
     else:
-        kept = f"at {where} m; the contact sees them as roughness: if they are the instrument's, "
-        yield from warn_user((f'{what}{kept}set outliers to "remove"',))
+        note = (
+            f"{count}: at {where} m; the contact sees them as roughness: if they are "
+            'the instrument\'s, set outliers to "remove"'
+        )
+        yield from warn_user((note,))
 
 
-def form_removed(heights: FloatArray, order: int) -> FloatArray:
-    """Subtract the least-squares polynomial of total order 0, 1 or 2, to which NaN do
-    not count.
+# --- form and holes -------------------------------------------------------------------
+
+
+def _without_form(
+    heights: FloatArray, recipe: Any, tilted: bool
+) -> tuple[FloatArray, list[str]]:
+    """Return the heights without the form that is removed, and notes on it.
+
+    Where the recipe does not say which form, it is the plane of a map that is mirrored
+    or jumps at its edges because it is `tilted`.
     """
-    left = heights.reshape(len(heights), -1).copy()
-    known = ~np.isnan(left)
-    x, y = (
-        np.polynomial.legendre.legvander(np.linspace(-1, 1, n), order)
-        for n in left.shape
-    )
+    order = recipe.form
+    if order is None and (tilted or recipe.treatment == "mirrored"):
+        order = 1
+    largest = float(np.nanmax(np.abs(heights)))
+    notes = []
+    if order is not None:
+        heights = remove_form(heights, order)
+        notes.append(f"{_FORMS[order]} removed")
+        if tilted:
+            notes[0] += ", because its tilt makes the edges jump; form = 0 keeps it"
+    if 0 < np.nanstd(heights) < ROUNDING * largest:
+        heights = np.where(np.isnan(heights), np.nan, 0.0)
+        notes.append("what is left is rounding, so that the surface is flat")
+    return heights, notes
+
+
+def _is_tilted(heights: FloatArray) -> bool:
+    """Return whether heights jump at edges mostly because the map is tilted."""
+    complete = fill_holes(heights, "nearest") if np.isnan(heights).any() else heights
+    jumps = edge_jumps(complete)
+    level_jumps = edge_jumps(remove_form(complete, 1))
+    for jump, (level_edge, _) in zip(jumps, level_jumps, strict=True):
+        if _is_jumping([jump]) and level_edge < jump[0] / 2:
+            return True
+    return False
+
+
+def remove_form(heights: FloatArray, order: int) -> FloatArray:
+    """Return heights without their least-squares polynomial of x and y.
+
+    Args:
+        heights: (nx, ny) or (nx,); points that are NaN stay so and do not count.
+        order: the total order of the polynomial, 0, 1 or 2.
+    """
+    rest = heights.reshape(len(heights), -1).copy()
+    measured = ~np.isnan(rest)
+    nx, ny = rest.shape
+    x = np.polynomial.legendre.legvander(np.linspace(-1, 1, nx), order)
+    y = np.polynomial.legendre.legvander(np.linspace(-1, 1, ny), order)
     orders = np.arange(order + 1)
-    kept = orders[:, None] + orders <= order
-    normal = np.einsum("xi,xk,xy,yj,yl->ijkl", x, x, known * 1.0, y, y, optimize=True)
-    table = np.zeros(kept.shape)
+    used = orders[:, None] + orders <= order
+    weights = measured * 1.0
+    normal = np.einsum("xi,xk,xy,yj,yl->ijkl", x, x, weights, y, y, optimize=True)
+    matrix = normal[used][:, used]
+    coefficients = np.zeros(used.shape)
     for _ in range(2):  # the second pass removes what rounding left of a large form
-        moments = x.T @ np.where(known, left, 0.0) @ y
-        table[kept] = np.linalg.lstsq(normal[kept][:, kept], moments[kept])[0]
-        left -= x @ table @ y.T
-    return left.reshape(heights.shape)
+        moments = x.T @ np.where(measured, rest, 0.0) @ y
+        coefficients[used] = np.linalg.lstsq(matrix, moments[used])[0]
+        rest -= x @ coefficients @ y.T
+    return rest.reshape(heights.shape)
 
 
-def filled(heights: FloatArray, method: str) -> FloatArray:
-    """Give every NaN a height by the method "nearest" or "harmonic", the mean of its
-    neighbours.
+def _without_holes(
+    heights: FloatArray, given: NDArray[Any], missing: str
+) -> tuple[FloatArray, list[str]]:
+    """Return the heights with filled holes, and a note if the map itself has holes.
+
+    Where missing heights are refused, the only holes are those of removed outliers,
+    which are filled by the method "harmonic".
+    """
+    method = "harmonic" if missing == "refuse" else missing
+    absent = int(np.count_nonzero(np.isnan(given)))
+    notes = []
+    if absent:
+        percent = f"{100 * absent / heights.size:.2g} %"
+        count = f"{absent} of {heights.size} heights missing ({percent})"
+        notes.append(f"{count}, filled by the method {method}")
+    return fill_holes(heights, method), notes
+
+
+def fill_holes(heights: FloatArray, method: str) -> FloatArray:
+    """Return heights in which every NaN is replaced.
+
+    Args:
+        heights: (nx, ny) or (nx,), with at least one height.
+        method: "nearest" takes the height of the nearest point.  "harmonic" solves
+            Laplace's equation: each filled height is the mean of its neighbours.
     """
     from scipy import ndimage, sparse
 
-    absent = np.isnan(heights)
+    holes = np.isnan(heights)
     if method == "nearest":
-        _, nearest = ndimage.distance_transform_edt(absent, return_indices=True)
+        _, nearest = ndimage.distance_transform_edt(holes, return_indices=True)
         return np.asarray(heights[tuple(nearest)])
-    holes = np.argwhere(absent)
+    points = np.argwhere(holes)
+    size = len(points)
     numbers = np.full(heights.shape, -1)
-    numbers[absent] = np.arange(len(holes))
-    neighbours, right = np.zeros((2, len(holes)))
-    links: Any = sparse.csc_matrix((len(holes), len(holes)))
+    numbers[holes] = np.arange(size)
+    neighbours = np.zeros(size)
+    sums = np.zeros(size)  # of the heights of the neighbours that have one
+    links: Any = sparse.csc_matrix((size, size))
     for axis, step in itertools.product(range(heights.ndim), (-1, 1)):
-        beside = holes + step * (np.arange(heights.ndim) == axis)
+        beside = points.copy()
+        beside[:, axis] += step
         inside = (beside[:, axis] >= 0) & (beside[:, axis] < heights.shape[axis])
-        own, place = np.flatnonzero(inside), tuple(beside[inside].T)
-        neighbours[own] += 1
-        right[own] += np.nan_to_num(heights[place])
-        open_ = numbers[place] >= 0
-        pairs = (own[open_], numbers[place][open_])
+        rows = np.flatnonzero(inside)
+        positions = tuple(beside[inside].T)
+        neighbours[rows] += 1
+        sums[rows] += np.nan_to_num(heights[positions])
+        columns = numbers[positions]
+        linked = columns >= 0
+        pairs = (rows[linked], columns[linked])
         links += sparse.csc_matrix((np.ones(pairs[0].size), pairs), links.shape)
+    matrix = (sparse.diags(neighbours) - links).tocsc()
     result = heights.copy()
-    result[absent] = sparse.linalg.spsolve(
-        (sparse.diags(neighbours) - links).tocsc(), right
-    )
+    result[holes] = sparse.linalg.spsolve(matrix, sums)
     return result
 
 
+# --- edges and band -------------------------------------------------------------------
+
+
 def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
-    """Return for each axis the rms jump at the edge and the largest between
-    neighbouring rows.
+    """Return for each axis the jump at the edge and the largest jump inside.
+
+    A jump is the rms difference of two rows across the axis, in the unit of the
+    heights: the last and the first row at the edge, neighbouring rows inside.
     """
     jumps = []
     for axis in range(heights.ndim):
         edge = np.take(heights, 0, axis) - np.take(heights, -1, axis)
         steps = np.diff(heights, axis=axis)
         steps *= steps
-        inner = steps if heights.ndim == 1 else steps.mean(axis=1 - axis)
-        jumps.append((math.sqrt(np.mean(edge * edge)), math.sqrt(inner.max())))
+        inside = steps if heights.ndim == 1 else steps.mean(axis=1 - axis)
+        jumps.append((math.sqrt(np.mean(edge * edge)), math.sqrt(inside.max())))
     return jumps
 
 
-def _jumping(jumps: list[tuple[float, float]]) -> bool:
-    return any(edge > LARGEST_JUMP * inner for edge, inner in jumps)
+def _is_jumping(jumps: list[tuple[float, float]]) -> bool:
+    """Return whether an edge jump is too large for a periodic map."""
+    return any(edge > LARGEST_JUMP * inside for edge, inside in jumps)
 
 
 def _jump_words(jumps: list[tuple[float, float]]) -> str:
-    return " and ".join(
-        f"{edge:.3g} m across {axis} (between neighbours at most {inner:.3g} m)"
-        for axis, (edge, inner) in zip("xy", jumps, strict=False)
+    """Return the jumps across x and y in words."""
+    words = []
+    for axis, (edge, inside) in zip("xy", jumps, strict=False):
+        neighbours = f"between neighbours at most {inside:.3g} m"
+        words.append(f"{edge:.3g} m across {axis} ({neighbours})")
+    return " and ".join(words)
+
+
+def _within_band(
+    heights: FloatArray, periods: tuple[float, ...], recipe: Any
+) -> tuple[FloatArray, list[str]]:
+    """Return the heights without the waves that the recipe removes, and a note."""
+    bounds = []
+    lowest, highest = 0.0, math.inf
+    if recipe.longest_wavelength is not None:
+        bounds.append(f"longer than {recipe.longest_wavelength:.3g} m")
+        lowest = 2 * math.pi / recipe.longest_wavelength
+    if recipe.shortest_wavelength is not None:
+        bounds.append(f"shorter than {recipe.shortest_wavelength:.3g} m")
+        highest = 2 * math.pi / recipe.shortest_wavelength
+    if not bounds:
+        return heights, []
+    note = f"waves {' and '.join(bounds)} removed"
+    return band_pass(heights, periods, highest, lowest), [note]
+
+
+def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
+    """Add notes on the slopes of a map, and the errors by the treatment of its edges.
+
+    There are no such errors if the edges were not treated, because the map is
+    periodic, or if the map is flat.
+    """
+    inside = inner_moments(surface)
+    notes = [*surface.notes, *_slope_notes(surface, inside.rms_slope)]
+    if not treated or inside.rms_curvature == 0:
+        return replace(surface, notes=tuple(notes))
+    length = inside.rms_slope / inside.rms_curvature / min(recipe.periods)
+    errors = {
+        name: length * factor for name, factor in EDGE_ERRORS[recipe.treatment].items()
+    }
+    errors |= EDGE_FRACTIONS[recipe.treatment]
+    values = ", ".join(
+        f"{name.replace('_', ' ')} {100 * error:.3g} %"
+        for name, error in errors.items()
     )
+    notes.append(
+        f"the treatment of the edges, {recipe.treatment}, changes in nine of ten maps "
+        f"by up to (areas of the total one): {values}; this is a part of the error of "
+        "each"
+    )
+    return replace(surface, notes=tuple(notes), treatment_errors=errors)
+
+
+def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
+    """Yield the rms slopes of a map where they differ.
+
+    `slope` is that of the spectrum without the jumps at the edges.
+    """
+    by_steps = surface.rms_slope
+    with_edges = surface_moments(surface).rms_slope
+    if not math.isclose(slope, by_steps, rel_tol=0.01):
+        yield (
+            f"rms slope {slope:.4g} of the spectrum, which an effective hardness "
+            f"takes, and {by_steps:.4g} from differences of neighbours"
+        )
+    if with_edges != slope:
+        yield (
+            "the jumps at the edges make the rms slope of the spectrum "
+            f'{with_edges:.4g}, which a theory of spectrum = "surface" takes; '
+            'treatment = "mirrored" has no jumps'
+        )
