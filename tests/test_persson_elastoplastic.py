@@ -55,35 +55,30 @@ def modes(s, x, c):
 
 
 def referee(G, p0, H, sigma=0.0):
-    """Areas, force, slopes, density and cumulative with 45 digits, from the doubles as
-    they are.
-    """
+    """Areas, force, slopes, density and cumulative with 45 digits, from doubles."""
     G = mp.mpf(G)
     p0 = mp.mpf(p0)
     H = mp.mpf(H)
     s = p0 / H
     c = 2 * mp.sqrt(G) / H
     x = mp.mpf(sigma) / H
-    known = images if c < 1 else modes
-    plastic, force, below, at_zero, density = known(s, x, c)
-    separated, _, _, at_wall, _ = known(1 - s, x, c)
-    elastic = known(s, mp.mpf(1), c)[2]
-    slopes = (at_zero / H**2, -at_wall / H**2)
+    series = images if c < 1 else modes
+    plastic, force, below, slope_at_zero, density = series(s, x, c)
+    separated, _, _, slope_at_hardness, _ = series(1 - s, x, c)
+    _, _, elastic, _, _ = series(s, mp.mpf(1), c)
     return {
-        **{
-            "plastic": plastic,
-            "separated": separated,
-            "elastic": elastic,
-            "force": H * force,
-        },
-        **{"slopes": slopes, "density": density / H, "cumulative": below},
+        "plastic": plastic,
+        "separated": separated,
+        "elastic": elastic,
+        "force": H * force,
+        "slopes": (slope_at_zero / H**2, -slope_at_hardness / H**2),
+        "density": density / H,
+        "cumulative": below,
     }
 
 
 def is_near(found, exact, rel=1e-10):
-    """Whether a number is right to so much of itself; below TINY, whether it is small,
-    too.
-    """
+    """Whether a number has a relative error below `rel`, or is tiny as it should be."""
     if abs(exact) < TINY:
         return abs(found) < 2 * TINY
     return abs(mp.mpf(float(found)) - exact) < rel * abs(exact)
@@ -94,9 +89,7 @@ _tail = st.floats(-12, -0.302).map(lambda u: 10.0**u)
 
 @st.composite
 def contacts(draw, widest=1.7):
-    """(G, p0, H): p0/H from 1e-12 to 1 - 1e-12, the spread 2 sqrt(G)/H from 1e-13 to
-    50.
-    """
+    """(G, p0, H) with p0/H from 1e-12 to 1 - 1e-12 and 2 sqrt(G)/H from 1e-13 to 50."""
     H = 10.0 ** draw(st.floats(-3, 12))
     share = draw(_tail)
     p0 = H * share if draw(st.booleans()) else H - H * share
@@ -124,11 +117,11 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
     _, p0, H = contact
     assert_allclose(found.total + found.separated, 1, rtol=0, atol=1e-13)
     assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
-    # Plastic and separated area swap places at the load H - p0, here so that it is
-    # exact.
-    one = areas(contact[0], H - (H - p0), H)
-    other = areas(contact[0], H - p0, H)
-    assert (one.plastic, one.elastic) == (other.separated, other.elastic)
+    # Plastic and separated area are exchanged at the load H - p0, here without rounding.
+    loaded = areas(contact[0], H - (H - p0), H)
+    mirrored = areas(contact[0], H - p0, H)
+    assert loaded.plastic == mirrored.separated
+    assert loaded.elastic == mirrored.elastic
 
 
 @settings(max_examples=250, derandomize=True)

@@ -1,6 +1,4 @@
-"""The rule "local" of the theory: its identities, limits, orders of convergence and
-refusals.
-"""
+"""The rule "local" of the theory: identities, limits, orders and refusals."""
 
 import math
 from dataclasses import replace

@@ -1,6 +1,4 @@
-"""The map of the theory's error: its places, its intervals elsewhere, and what it
-refuses.
-"""
+"""The map of the theory's error: its places, its intervals and its refusals."""
 
 import math
 
