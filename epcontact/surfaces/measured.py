@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Strict, StrictFloat, ValidationInfo
+from pydantic import BeforeValidator, Strict, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
@@ -28,6 +28,7 @@ from epcontact.scene import (
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
+    Real,
     Recipe,
     SurfaceAbsent,
     checked_grid,
@@ -126,13 +127,12 @@ class HeightsFromFile(Preparation):
         ),
     ] = ()
     unit: Annotated[
-        StrictFloat | None,
+        Real | None,
         entry("m", "of the heights, 1e-6 for µm; unless the file gives it", gt=0),
     ] = None
     treatment: EdgeField | None = None
     pixel_size: Annotated[
-        StrictFloat | None,
-        entry("m", "spacing of the grid, in the place of period", gt=0),
+        Real | None, entry("m", "spacing of the grid, in the place of period", gt=0)
     ] = None
     optional: Annotated[
         bool,
