@@ -26,11 +26,12 @@ from epcontact.cli import listing, main
 from epcontact.cli.listing import print_rows
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.options import shown_progress
-from epcontact.cli.tables import answers_table, verdict_table
-from epcontact.harness.answers.run import Run, run_cases, tasks_of
-from epcontact.harness.answers.store import kept
+from epcontact.cli.tables import results_table, verdict_table
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.case_files.text import case_files, case_name, find_cases
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.saved import load_saved
+from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.harness.verdict.verification import cases_to_verify, verify
 from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
@@ -216,7 +217,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     assert not list(folder.glob("*-steps"))
     assert [reused("steps"), reused("steps"), reused("first")] == [0, 2, 2]
     doubled = tasks_of(case, Run(tmp_path, fields="first", precision="double"))
-    assert [kept(task, tmp_path) for task in doubled] == [None, None]
+    assert [load_saved(task, tmp_path) for task in doubled] == [None, None]
     loads = [
         read_fields(step)
         for step in load_steps(folder / "bem-seed3-steps" / "path.pvd")
@@ -287,11 +288,11 @@ def test_a_plane_is_flat_and_every_gate_holds(write_case, tmp_path):
 def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
-    answers, gate = outcome.answers, outcome.gates[0]
+    answers, gate = outcome.results, outcome.gates[0]
     for width in (40, 60, 80, 200):
         console = Console(width=width)
         console.print(verdict_table([outcome], console.width))
-        console.print(answers_table(answers, width))
+        console.print(results_table(answers, width))
         print_rows(
             console, ("key", "default", "meaning"), [("longest_key", "–", "[m] " * 20)]
         )

@@ -1,6 +1,4 @@
-"""Cases solved on the workers of any executor, which share no folder with the
-sender.
-"""
+"""Cases solved on the workers of any executor."""
 
 import importlib
 import os
@@ -16,11 +14,12 @@ import pytest
 
 from epcontact import verify
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.answers import run, store
-from epcontact.harness.answers.run import Run, run_cases, tasks_of
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.cluster import dask
-from epcontact.harness.processes import made
+from epcontact.harness.solving import run, saved, tasks
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.tasks import Run, tasks_of
+from epcontact.harness.workers import executor_from
 from epcontact.results import package_versions
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -69,7 +68,7 @@ def refusing(sentence):
     return call
 
 
-def test_a_worker_sends_back_results_fields_and_steps(
+def test_a_worker_writes_fields_and_steps_and_sends_back_results(
     write_case, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -77,7 +76,7 @@ def test_a_worker_sends_back_results_fields_and_steps(
     run_cases([case], Run("here", 1, fields="steps"))
     run_cases([case], Run("there", fields="steps", executor=lambda: far))
     assert not far.open
-    assert not list(far.folder.iterdir())
+    assert not list(far.folder.iterdir())  # what it writes is in the sender's folder
     found = {p.relative_to("here"): p for p in Path("here").rglob("*") if p.is_file()}
     assert {
         p.relative_to("there") for p in Path("there").rglob("*") if p.is_file()
@@ -91,14 +90,14 @@ def test_a_worker_sends_back_results_fields_and_steps(
 
 
 def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch):
-    package = Path(store.__file__).parents[2]
+    package = Path(saved.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
         shutil.copytree(
             folder, tmp_path / folder.name, ignore=lambda *_: ["__pycache__"]
         )
     copy = tmp_path / package.name
-    before = store.sources(copy)
-    assert before == store.sources()
+    before = saved.sources_digest(copy)
+    assert before == saved.sources_digest()
     for name, same in (
         ("bem/inner/cg.py", False),
         ("../fem_check/plasticity.py", False),
@@ -110,15 +109,15 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
     ):
         with (copy / name).open("a") as file:  # a method of one's own is a new file
             file.write("\n# changed\n")
-        store.sources.cache_clear()
-        after, before = before, store.sources(copy)
+        saved.sources_digest.cache_clear()
+        after, before = before, saved.sources_digest(copy)
         assert (before == after) == same, name
     task = next(tasks_of(load_case(write_case()), Run()))
-    key = store.key_of(task)
+    key = saved.key_of(task)
     monkeypatch.setattr(
-        store, "package_versions", lambda: package_versions() | {"numba": "0.0"}
+        saved, "package_versions", lambda: package_versions() | {"numba": "0.0"}
     )
-    assert store.key_of(task) != key
+    assert saved.key_of(task) != key
 
 
 @pytest.mark.parametrize(
@@ -137,7 +136,7 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
             "the executor returned 42, not what the task returns",
         ),
         (ThreadPoolExecutor, "time limit of 1e-06 s"),  # a process keeps it
-        ({}, "has numpy 1.0 in the place of"),
+        ({}, "in the place of 1.0; install the same there"),
     ],
 )
 def test_failure_of_a_worker_is_its_tasks_error(
@@ -149,11 +148,18 @@ def test_failure_of_a_worker_is_its_tasks_error(
     limit = ("[case]\n", "[case]\ntime_limit = 1e-6\n")
     path = write_case(*THEORY, *([limit] if worker is ThreadPoolExecutor else []))
     if not worker:
-        here_and_there = iter([store.basis(), store.basis() | {"numpy": "1.0"}])
-        monkeypatch.setattr(run, "basis", lambda: next(here_and_there))
+        mine = saved.software_versions()
+        here_and_there = iter([mine | {"numpy": "1.0"}, mine])
+        monkeypatch.setattr(run, "software_versions", lambda: next(here_and_there))
     verdict = verify(path, output=tmp_path, executor=lambda: far)
     assert verdict.exit_code == 2
     assert sentence in str(verdict.cases[0].gates[0].error)
+
+
+def test_a_worker_that_cannot_write_fields_says_so(write_case, tmp_path):
+    *_, task = tasks_of(load_case(write_case()), Run(tmp_path / "absent", fields="all"))
+    found = run.solve_on_worker(task, saved.software_versions(), jobs=1)
+    assert f"does not see the folder {task.fields_file.parent}" in str(found)
 
 
 @pytest.mark.parametrize(
@@ -191,11 +197,11 @@ def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, j
         "points_per_shortest_wavelength = { fast = 4, full = 8 }",
         "shape = [4096, 2048]",
     )
-    tasks = [*tasks_of(load_case(write_case(grid)), Run())]
-    monkeypatch.setattr(run, "available_memory", lambda: free)
+    solves = [*tasks_of(load_case(write_case(grid)), Run())]
+    monkeypatch.setattr(tasks, "available_memory", lambda: free)
     # 2^28 bytes, and a point of a light contact that flows takes 50 and some more.
-    assert 0.68e9 < max(task.memory for task in tasks) < 0.72e9
-    assert Run(jobs=4).jobs_for(tasks) == jobs
+    assert 0.68e9 < max(task.memory for task in solves) < 0.72e9
+    assert Run(jobs=4).jobs_for(solves) == jobs
 
 
 @pytest.mark.parametrize(
@@ -209,7 +215,7 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
         run, "solve_task", lambda _, threads: found.append(threads) or "none"
     )
     task = next(tasks_of(load_case(write_case(*THEORY)), Run()))
-    assert run.solve_elsewhere((task, store.basis()), share=2) == ("none", {})
+    assert run.solve_on_worker(task, saved.software_versions(), jobs=2) == "none"
     assert found == [threads]
 
 
@@ -229,7 +235,7 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
 def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence):
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
     with pytest.raises(InvalidCase, match=sentence):
-        made(name)
+        executor_from(name)
 
 
 @pytest.mark.slow

@@ -8,9 +8,10 @@ import pytest
 
 from epcontact import bem
 from epcontact.errors import InvalidScene
-from epcontact.harness.answers.run import Run, run_cases
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.quantities.registry import measure
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.tasks import Run
 from epcontact.output.vtk import read_fields
 from epcontact.scene import Load, Material, Scene, Surface
 from epcontact.surfaces import (

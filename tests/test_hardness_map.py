@@ -26,9 +26,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 from epcontact import effective_hardness
 from epcontact.errors import InvalidCase, InvalidScene
-from epcontact.harness.answers.run import Run, solve_task, tasks_of
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.crosscheck import measured_hardness
+from epcontact.harness.solving.run import solve_task
+from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.harness.sweep import read_sweep
 from epcontact.materials import hardness_map as kept
 from epcontact.materials.hardness_map import hardness_map

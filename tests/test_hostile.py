@@ -27,16 +27,16 @@ import fem_check
 from epcontact import bem, planning
 from epcontact.cli.plans import plan
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.peers import result_of
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.processes import Child, ChildDied, Processes, spread
+from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.verification import verify
+from epcontact.harness.workers import Worker, WorkerDied, WorkerPool, spread
 from epcontact.machine import alive
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Body, Load, Material, Scene, Surface
@@ -100,9 +100,9 @@ def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sen
 def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(
     write_case, name, status
 ):
-    good = Answer((ANSWER,), ("single",))
+    good = MethodResults((ANSWER,), ("single",))
     given = {"persson": good, "bem": good} | {
-        name: Answer(errors=(f"{name}, single: stalled",))
+        name: MethodResults(errors=(f"{name}, single: stalled",))
     }
     judged = judge_case(load_case(write_case(*THEORY)), given)
     assert (judged.status, judged.gates[0].status) == ("error", status)
@@ -283,7 +283,7 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(
     (judged,) = verify(
         [case], solver="hostile:invents_its_path", output=tmp_path, jobs=1
     ).cases
-    (found,) = judged.answers["invents_its_path"].results
+    (found,) = judged.results["invents_its_path"].results
     (wrong,) = verify(
         [case], solver="hostile:errs_at_the_first_load", output=tmp_path
     ).cases
@@ -322,27 +322,26 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
 def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch):
     """What is not finished in time is ended with all that it started."""
     monkeypatch.chdir(tmp_path)
-    child = Child()
-    first = child.call(os.getpid)
-    assert child.call(os.getpid) == first != os.getpid()
-    with pytest.raises(ChildDied, match="exit code 3"):
-        child.call(os._exit, 3)
-    with pytest.raises(ChildDied, match="was not finished within 3 s and was ended"):
-        child.call(hostile.hangs, None, limit=3)
-    assert not any(
-        alive(int(pid)) for pid in (first, *Path("pids").read_text().split())
-    )
-    assert child.call(os.getpid) != first
-    child.end()
-    with pytest.raises(ChildDied, match="was ended"):
-        child.call(os.getpid)
+    worker = Worker()
+    first = worker.call(os.getpid)
+    assert worker.call(os.getpid) == first != os.getpid()
+    with pytest.raises(WorkerDied, match="exit code 3"):
+        worker.call(os._exit, 3)
+    with pytest.raises(WorkerDied, match="raised FileNotFoundError"):
+        worker.call(os.remove, "absent")
+    with pytest.raises(WorkerDied, match="was not finished within 3 s and was ended"):
+        worker.call(hostile.hangs, None, limit=3)
+    pids = Path("pids").read_text().split()
+    assert not any(alive(int(pid)) for pid in (first, *pids))
+    second = worker.call(os.getpid)
+    assert second != first
+    worker.end()
+    assert not alive(second)
 
 
 def test_process_that_dies_costs_its_own_task_only():
     items = ["one", "dies", "two", "three"]
-    found = dict(
-        spread(hostile.answers_or_dies, items, Processes(2, ["bem", "unknown"]))
-    )
+    found = dict(spread(hostile.answers_or_dies, items, WorkerPool(2)))
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
     assert found == {"one": "ONE", "two": "TWO", "three": "THREE"}
 
@@ -350,9 +349,9 @@ def test_process_that_dies_costs_its_own_task_only():
 def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     """Also when it is killed, with what is still running."""
     (tmp_path / "script.py").write_text(
-        "import os, time; from epcontact.harness.processes import Child, Processes\n"
-        "pool, child = Processes(1, []), Child()\n"
-        "print(child.call(os.getpid), pool.submit(os.getpid).result(), flush=True)\n"
+        "import os, time; from epcontact.harness.workers import Worker, WorkerPool\n"
+        "pool, worker = WorkerPool(1), Worker()\n"
+        "print(worker.call(os.getpid), pool.submit(os.getpid).result(), flush=True)\n"
         "pool.submit(time.sleep, 3600); time.sleep(0.2); os.kill(os.getpid(), 9)\n"
     )
     command = [sys.executable, "-X", "dev", tmp_path / "script.py"]

@@ -15,7 +15,7 @@ import pytest
 from command_line import invoke
 
 from epcontact.harness.verdict import verify
-from epcontact.harness.verdict.read_back import digest_of
+from epcontact.harness.verdict.digest import digest_of
 
 SECRET = b"a private picture"
 #: Names of files that a report draws, and one that it only shows.

@@ -33,7 +33,7 @@ TOKENS = {
     "epcontact.cli": 9_151,
     "epcontact.errors": 362,
     "epcontact.files": 859,
-    "epcontact.harness": 45_852,
+    "epcontact.harness": 45_372,
     "epcontact.interface": 2_475,
     "epcontact.machine": 1_187,
     "epcontact.materials": 1_642,

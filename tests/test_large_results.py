@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import find_case, load_case
+from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.results import ContactResult
 
@@ -35,6 +35,8 @@ def test_kept_results_are_of_their_case_and_hold_its_gates(name):
         assert all(r.converged for r in results)
         residual = {"bem": "gap_elastic", "fem": "balance"}[data["method"]]
         assert max(r.final.residuals[residual] for r in results) <= 1e-8
-        answers[data["method"]] = Answer(results, tuple(data["ensemble"]["surfaces"]))
+        answers[data["method"]] = MethodResults(
+            results, tuple(data["ensemble"]["surfaces"])
+        )
     assert set(answers) == set(case.methods)
     assert judge_case(case, answers).status == "holds"

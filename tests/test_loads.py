@@ -17,10 +17,11 @@ from conftest import SMALL_CASE
 import epcontact
 import fem_check
 from epcontact import bem, effective_hardness
-from epcontact.harness.answers.run import Run, run_cases
-from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.solving.method_results import MethodResults, load_rows
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
 from epcontact.output.loads import load_charts
@@ -342,12 +343,13 @@ def test_conductances_are_those_of_both_bodies_conductivities(write_case, tmp_pa
 
 def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
     case, answer, _ = metal
-    judged = judge_case(case, {"bem": Answer((answer,), ("seed3",))}).gates[0]
+    judged = judge_case(case, {"bem": MethodResults((answer,), ("seed3",))}).gates[0]
     areas = answer.final.areas
     claim = np.hypot(areas["error"].total, areas["hardness_error"].total) / 0.1
     assert judged.grid_error == pytest.approx(claim)
     mine, other = (
-        Answer((replace(answer, method=m),), ("seed3",)) for m in ("bem", "other")
+        MethodResults((replace(answer, method=m),), ("seed3",))
+        for m in ("bem", "other")
     )
     shared = replace(case.gates[0], against="persson")
     against = case.changed(gates=(shared,), methods=("bem", "persson"))

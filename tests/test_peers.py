@@ -99,7 +99,7 @@ def test_peer_is_gated_against_the_boundary_elements_or_skipped(write_case, tmp_
         assert "tamaas is not installed" in case.skipped_because
     else:
         assert case.status == "holds"
-        assert case.answers["tamaas"].results[0].method == "tamaas"
+        assert case.results["tamaas"].results[0].method == "tamaas"
 
 
 def test_solver_takes_the_place_of_bem_under_its_own_name(write_case, tmp_path):

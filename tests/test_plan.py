@@ -10,8 +10,8 @@ import pytest
 
 from epcontact import bem
 from epcontact.errors import InvalidCase
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.solving.method_results import MethodResults
 from epcontact.planning import (
     achieved_error,
     auto_case,
@@ -29,7 +29,7 @@ from epcontact.surfaces import HeightsFromArray, Sinusoid
 def solved(case):
     options = case.options["bem"]
     results = [bem.solve(case.scene(r), threads=1, **options) for r in case.recipes]
-    return Answer(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
+    return MethodResults(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
 
 
 def with_areas(result, corrected, error):
@@ -123,7 +123,7 @@ def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(
     assert chosen.work + chosen.pilot_work < 0.1 * chosen.given_work
     assert said in chosen.reasons[0]
     with pytest.raises(InvalidCase, match="no answer"):
-        achieved_error(chosen, Answer())
+        achieved_error(chosen, MethodResults())
 
 
 def test_a_plan_refines_where_edges_hold_the_fronts():
@@ -154,7 +154,7 @@ def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
     finer = solved(check)
     assert achieved_error(chosen, answer, finer) <= 0.02
     best = mean_total(answer)
-    sure = Answer((with_areas(answer.results[0], 1.1 * best, 0.0),), ("seed0",))
+    sure = MethodResults((with_areas(answer.results[0], 1.1 * best, 0.0),), ("seed0",))
     assert achieved_error(chosen, sure) == 0
     assert achieved_error(chosen, sure, finer) == pytest.approx(0.1, abs=0.02)
 
@@ -189,7 +189,7 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
     shifted = tuple(
         with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1)
     )
-    answer = Answer(shifted, ("a", "b", "c"))
+    answer = MethodResults(shifted, ("a", "b", "c"))
     # t(2 degrees, 97.5 %) = 4.302653
     expected = math.hypot(error / best, 0.4302653 / math.sqrt(3))
     assert achieved_error(chosen, answer) == pytest.approx(expected, rel=1e-6)
@@ -221,7 +221,7 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
     assert (loose.method, loose.work) == ("persson", 0.0)
     assert tight.method == "bem"
     assert any("so the theory does not suffice" in reason for reason in tight.reasons)
-    assert achieved_error(loose, Answer((object(),), ("x",))) <= 0.9
+    assert achieved_error(loose, MethodResults((object(),), ("x",))) <= 0.9
 
 
 def test_the_map_of_its_error_decides_where_the_theory_stands_in():

@@ -18,7 +18,7 @@ from command_line import invoke
 from laboratory.trial_map import trial_map
 
 from epcontact.cli.main import COMMANDS
-from epcontact.harness.processes import made
+from epcontact.harness.workers import executor_from
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = [
@@ -111,7 +111,7 @@ def test_an_executor_for_slurm(monkeypatch):
     module = ModuleType("on_slurm")
     exec(code, module.__dict__)
     monkeypatch.setitem(sys.modules, "on_slurm", module)
-    with made("on_slurm:pool") as executor:
+    with executor_from("on_slurm:pool") as executor:
         assert executor.submit(max, 1, 2).result() == 2
 
 

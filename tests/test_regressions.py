@@ -12,10 +12,11 @@ from numba.core import event
 
 from epcontact import machine
 from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness.answers import run
-from epcontact.harness.answers.run import Run, run_cases
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.solving import run
+from epcontact.harness.solving.method_results import MethodResults
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.verification import verify
 
@@ -68,7 +69,9 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path):
 def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
     case = load_case(write_case())
     errors = tuple(f"bem, seed{i}: a worker process died" for i in range(60))
-    outcome = judge_case(case, {"persson": Answer(), "bem": Answer(errors=errors)})
+    outcome = judge_case(
+        case, {"persson": MethodResults(), "bem": MethodResults(errors=errors)}
+    )
     assert outcome.gates[0].error == "bem, seed0 and 59 more: a worker process died"
 
 
@@ -133,10 +136,10 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
 def test_time_limit_leaves_the_compilation_of_kernels_out():
     machine.provide_kernel_cache()
     before = machine.compile_seconds()
-    with run._limited(0.3), event.trigger_event("numba:compiler_lock"):
+    with run._time_limit(0.3), event.trigger_event("numba:compiler_lock"):
         time.sleep(0.7)  # as long as two alarms and more
     assert (taken := machine.compile_seconds() - before) >= 0.7
-    with pytest.raises(run.TimeUp, match="time limit"), run._limited(0.3):
+    with pytest.raises(run.TimeUp, match="time limit"), run._time_limit(0.3):
         time.sleep(20)
     assert not issubclass(
         run.TimeUp, NotConverged

@@ -17,7 +17,7 @@ from as_read import lines_of_chart, same_as_read
 
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
-from epcontact.harness.processes import Child, ChildDied
+from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.studies import (
     STUDIES,
     areas,
@@ -425,7 +425,7 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
         return bem.solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
 
     def late(*_):
-        raise ChildDied("was not finished within 3 s and was ended")
+        raise WorkerDied("was not finished within 3 s and was ended")
 
     def wrong(heights, load, *_):
         return np.full(heights.shape, load)
@@ -452,7 +452,7 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
 def test_installed_peers_find_the_same_areas(law):
     pytest.importorskip("tamaas")
     assert all(
-        row["agrees"] for row in peers.race(law, 8, peers.installed(), Child().call)
+        row["agrees"] for row in peers.race(law, 8, peers.installed(), Worker().call)
     )
 
 

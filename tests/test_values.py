@@ -26,9 +26,9 @@ from epcontact import (
     bem,
     persson,
 )
-from epcontact.harness.answers import loads
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
+from epcontact.harness.solving.load_path import with_hardness_error
 from epcontact.harness.verdict.compare import KEPT, read_figures
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.results import CONDUCTING, Areas, ContactResult, LoadStep, Provenance
@@ -121,7 +121,7 @@ def by_hardness():
         LoadStep(2.5e8, {"corrected": Areas(t, t - p, p)}, quantities={"mean_gap": g})
         for t, p, g in ((0.12, 0.05, 3e-6), (0.14, 0.08, 2.6e-6), (0.1, 0.03, 3.5e-6))
     )
-    told = loads._with_hardness_error(step, soft, hard, METALLIC)
+    told = with_hardness_error(step, soft, hard, METALLIC)
     return posts()[0], ContactResult("bem", (told,), Provenance("x"))
 
 

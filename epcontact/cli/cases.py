@@ -16,8 +16,6 @@ from epcontact.cli.listing import open_console
 from epcontact.cli.main import forget_output, tell
 from epcontact.errors import EpcontactError
 from epcontact.files import require_links_inside
-from epcontact.harness.answers.run import Run, run_cases
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import (
     Case,
     CaseText,
@@ -26,7 +24,11 @@ from epcontact.harness.case_files.case import (
     load_case,
 )
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.solving.method_results import MethodResults
+from epcontact.harness.solving.run import run_cases
+from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict import verification as verifying
+from epcontact.harness.verdict.files import delete_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
 from epcontact.output.charts.figures import Pictures
@@ -68,12 +70,12 @@ def run(
     run = replace(
         run, fields="steps" if fields == "film" else fields or "first", rows=True
     )
-    with options.shown_progress(run) as shown, verifying.signed_again(run.folder):
-        answers = run_cases([chosen], shown)[loaded.id]
+    with options.shown_progress(run) as shown:
+        results = run_cases([chosen], shown)[loaded.id]
     console = open_console()
-    console.print(tables.answers_table(answers, console.width))
-    tables.print_surface_notes(console, chosen, answers)
-    theory = answers["persson"].results[:1] if {"persson"} < answers.keys() else ()
+    console.print(tables.results_table(results, console.width))
+    tables.print_surface_notes(console, chosen, results)
+    theory = results["persson"].results[:1] if {"persson"} < results.keys() else ()
     told = (
         tables.gamma_sentence(chosen),
         *(r.notes[-1] for r in theory),
@@ -82,11 +84,11 @@ def run(
     for sentence in filter(None, told):
         tables.print_hanging(console, str(sentence))
     if errors := [
-        sentence for answer in answers.values() for sentence in answer.errors
+        sentence for method in results.values() for sentence in method.errors
     ]:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
-        _draw(chosen, answers, run.folder)
+        _draw(chosen, results, run.folder)
     if fields == "film":
         _draw_films(chosen, run.folder)
     click.echo(f"results in {chosen.folder(run.folder)}")
@@ -126,8 +128,8 @@ def verify(
     difference with its interval, and 1 or more holds.  Of a case that does not hold,
     every gate follows.
 
-    Writes verdict.json and junit.xml into the output folder.  Until then, those of the
-    last run are there as earlier-verdict.json and earlier-junit.xml.
+    Writes verdict.json and junit.xml into the output folder, after those of an earlier
+    run are deleted.
 
     \b
     A command reads the scene from one text file and writes its result to the other:
@@ -138,8 +140,7 @@ def verify(
     given: Sequence[str | Case] = cases
     fields = fields or ("first" if with_report else "none")
     if size == "auto":
-        with verifying.only_writer(output):
-            verifying.set_verdict_aside(output)
+        delete_verdict(output)
         named = [case for name in cases for case in find_named(name)]
         given = [
             _load(case, size) for case in named or verifying.cases_to_verify("fast")
@@ -192,14 +193,14 @@ def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) ->
     alone = all_gates or len(verdict.cases) == 1
     for case in verdict.cases:
         if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
-            tables.print_surface_notes(console, case.case, case.answers)
+            tables.print_surface_notes(console, case.case, case.results)
         if (
             alone
             and case.case.lists_loads
-            and any(a.results for a in case.answers.values())
+            and any(a.results for a in case.results.values())
         ):
             console.print(f"\nloads of {case.id}")
-            console.print(tables.answers_table(case.answers, console.width))
+            console.print(tables.results_table(case.results, console.width))
         if told := case.case.told_hardness:
             tables.print_hanging(console, f"{case.id}: {told}")
         tables.print_shortfalls(console, case)
@@ -237,17 +238,17 @@ def _write_report(verdict: Verdict, output: Path) -> None:
         judged = judged_cases[case_id]
         if judged.skipped_because:
             return Pictures(())
-        return _draw(judged.case, judged.answers, output)
+        return _draw(judged.case, judged.results, output)
 
     report_folder(output, verdict.content, overview=overview(verdict), draw=draw_case)
 
 
-def _draw(case: Case, answers: Mapping[str, Answer], output: Path) -> Pictures:
+def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pictures:
     """Draw the pictures of a case; print why some could not be drawn."""
     # Charts take long to load.
     from epcontact.pictures.folder import draw_case
 
-    pictures = draw_case(case, answers, case.folder(output))
+    pictures = draw_case(case, results, case.folder(output))
     for sentence in pictures.missing:
         tell(f"epcontact: {sentence}")
     return pictures

@@ -22,8 +22,8 @@ from rich.progress import (
 )
 
 from epcontact.cli.main import tell
-from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES
+from epcontact.harness.solving.tasks import Run
 
 size = click.option(
     "--size",

@@ -21,11 +21,11 @@ from epcontact.cli.main import tell
 from epcontact.cli.options import of_run, own_size, shown_progress
 from epcontact.cli.tables import loads_table
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.answers.run import Run
 from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
 from epcontact.harness.crosscheck import crosscheck as check_models
 from epcontact.harness.methods import calculix
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.solving.tasks import Run
 from epcontact.harness.sweep import digest, run_sweep
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
@@ -114,7 +114,7 @@ def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
     with TemporaryDirectory() as folder:
         cases = [one for one in (cheaper, finer) if one is not None]
         judged = verify(cases, run, size="auto", output=folder).cases
-    answers = [answer for one in judged for answer in one.answers.values()]
+    answers = [answer for one in judged for answer in one.results.values()]
     if errors := [error for answer in answers for error in answer.errors]:
         raise EpcontactError("; ".join(errors))
     error = planning.achieved_error(chosen, *answers)

@@ -10,9 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from epcontact.cli.listing import WIDE, fitting, table_of
-from epcontact.harness.answers.store import Answer, load_rows
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
+from epcontact.harness.solving.method_results import MethodResults, load_rows
 from epcontact.harness.verdict.judgement import CaseVerdict, tightest
 from epcontact.harness.verdict.overview import margin_text
 from epcontact.output.loads import Row, load_cells
@@ -50,9 +50,9 @@ def loads_table(
     return fitting(table, width, WIDE)
 
 
-def answers_table(answers: Mapping[str, Answer], width: int = WIDE) -> Table:
+def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Table:
     """Tabulate each load of each method: what is known of it, and how sure that is."""
-    found = {name: answer for name, answer in answers.items() if answer.results}
+    found = {name: answer for name, answer in results.items() if answer.results}
     rows = {m: (load_rows(a.results), f"{len(a.results)}") for m, a in found.items()}
     return loads_table(rows, "method", width)
 
@@ -148,10 +148,10 @@ def shown_estimate(estimate: Estimate) -> str:
 
 
 def print_surface_notes(
-    console: Console, case: Case, answers: Mapping[str, Answer]
+    console: Console, case: Case, results: Mapping[str, MethodResults]
 ) -> None:
     """Print what was done to the surfaces of a case, and what to beware of."""
-    notes = [result.notes for answer in answers.values() for result in answer.results]
+    notes = [result.notes for answer in results.values() for result in answer.results]
     for note in notes[0] if notes else ():
         if all(note in others for others in notes):
             print_hanging(console, f"{case.id}: {note}")

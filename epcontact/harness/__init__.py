@@ -1,12 +1,17 @@
-"""The way from case files to a verdict; each room imports only from those above it.
+"""The way of a case from its file to a verdict.
 
-processes         processes that call functions for this one, and executors that spread calls
-preload           what processes are forked with
+    cases = load_cases(...)                        # case_files
+    for case, results in solve_cases(cases, run):  # solving
+        judge_case(case, results)                  # verdict
+
+`verdict.verification.verify` is this loop.  Each part imports only from those above it:
+
+workers           processes that call functions; calls spread over an executor
 gates             comparisons with a band, intervals of ensembles, distances
-methods           METHODS: every way to answer a scene, including a user's own
-quantities        QUANTITIES: every figure that a gate can read
+quantities        QUANTITIES: every quantity that a gate can read
+methods           METHODS: every way to solve a scene, including a user's own
 case_files        the tables of a case file, checked, as a Case at one size
-answers           cases to results, over processes or any executor, kept on disk
+solving           tasks, what is measured at each load, results in memory and on disk
 crosscheck        the parts of the difference between finite and boundary elements
 sweep             a case at many points
 verdict           `verify`, the main job, and the Verdict that verdict.json holds

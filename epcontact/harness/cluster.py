@@ -6,9 +6,9 @@ prints it:
 
     DASK_SCHEDULER_ADDRESS=tcp://10.0.0.1:8786
 
-Its workers need the same versions of epcontact and of the numerical libraries, and no
-folder of ours: they send results back.  Dask does the tasks of a worker that dies again
-on another one.
+Its workers need the same versions of epcontact and of the numerical libraries and, to
+write fields, the output folder of the sender.  Results are sent back.  Dask does the
+tasks of a worker that dies again on another one.
 """
 
 from __future__ import annotations

@@ -8,12 +8,12 @@ named by its values: a sweep that gains or loses points keeps the results of the
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +21,6 @@ import pandas as pd
 
 from epcontact.errors import InvalidCase, OutputError, nearest
 from epcontact.files import atomic_write, path_inside, read_bytes, write_json
-from epcontact.harness.answers.run import Run, run_tasks, tasks_of
-from epcontact.harness.answers.store import Task, key_of, load_rows, read_member
 from epcontact.harness.case_files.axes import MOST_TASKS, Point, Scalar
 from epcontact.harness.case_files.case import (
     Case,
@@ -33,6 +31,10 @@ from epcontact.harness.case_files.case import (
 )
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
+from epcontact.harness.solving.method_results import load_rows
+from epcontact.harness.solving.run import FinishedTask, solve_tasks
+from epcontact.harness.solving.saved import key_of, read_saved
+from epcontact.harness.solving.tasks import Run, Task, tasks_of
 from epcontact.results import ContactResult
 
 _LIST, _FORMAT = "sweep.json", "epcontact-sweep-1"
@@ -109,20 +111,24 @@ def _tasks_at(
             told = f"[sweep] no method of the case answers {quantity!r}{known}"
             raise InvalidCase(f"{case.path}: {told}")
     name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
-    values = ", ".join(
-        f"{key.partition('.')[2]} {in_words(value)}" for key, value in point.items()
-    )
+    values = describe_point(point)
     for task in tasks_of(case, replace(run, rows=asked is None)):
         named = replace(
             task,
             label=f"{name}-{task.label}",
-            words=f"{values}, {task.label}".removesuffix(", single"),
-            quantities=tuple(q for q in quantities if _answers(task.method, q)),
+            description=f"{values}, {task.label}".removesuffix(", single"),
+            extra_quantities=tuple(q for q in quantities if _answers(task.method, q)),
         )
-        chosen = among in named.words
-        fields = named.fields_path(run.folder) if chosen and task.fields else None
-        steps = named.steps_path(run.folder) if chosen and task.steps else None
-        yield replace(named, fields=fields, steps=steps)
+        chosen = among in named.description
+        fields = named.fields_path(run.folder) if chosen and task.fields_file else None
+        steps = named.steps_path(run.folder) if chosen and task.steps_folder else None
+        yield replace(named, fields_file=fields, steps_folder=steps)
+
+
+def describe_point(point: Point) -> str:
+    """Return a point for a reader, such as "hardness 3e+09, mean_pressure 2e+08"."""
+    values = (f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items())
+    return ", ".join(values)
 
 
 def in_words(value: Scalar) -> str:
@@ -161,52 +167,76 @@ def run_sweep(
         OutputError: if a file cannot be written.
     """
     run = replace(run or Run(), **options)
-    tasks, points, quantities = read_sweep(case, size, run, among)
-    folder = tasks[0].case.folder(run.folder)
-    rows = [
-        {
-            "point": point,
-            "method": task.method.name,
-            "seed": None
-            if task.label.endswith("-single")
-            else getattr(task.recipe, "seed", None),
-            "file": str(task.result_path(run.folder).relative_to(folder)),
-            "key": key_of(task),
-        }
-        for task, point in zip(tasks, points, strict=True)
-    ]
-    about = {"schema": _FORMAT, "case": tasks[0].case.id, "size": size}
-    begin = partial(write_json, folder / _LIST, about | {"tasks": rows})
-    outcomes, reused = run_tasks(tasks, run, begin)
-    failures = {
-        f"{task.method.name}-{task.label}": outcome
-        for task, outcome in outcomes.items()
-        if isinstance(outcome, str)
-    }
-    groups: dict[str, list[ContactResult]] = {}
-    notes: Counter[str] = Counter()
-    for task, point in zip(tasks, points, strict=True):
-        if isinstance(outcome := outcomes[task], ContactResult):
-            values = (
-                f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items()
-            )
-            groups.setdefault(", ".join((*values, task.method.name)), []).append(
-                outcome
-            )
-            notes.update(outcome.notes)
-    names = [name.removeprefix("quantity.") for name in quantities or ()]
-    loads = {
-        name: (load_rows(each, names), str(len(each))) for name, each in groups.items()
-    }
-    found = table(folder)
+    sweep = read_sweep(case, size, run, among)
+    folder = sweep.tasks[0].case.folder(run.folder)
+    solving = solve_tasks(sweep.tasks, run)
+    with contextlib.closing(solving):
+        write_json(folder / _LIST, _list_of_tasks(sweep, size, run, folder))
+        finished = {done.task: done for done in solving}
+    swept = table(folder)
     with atomic_write(folder / "sweep.csv") as temporary:
-        found.to_csv(temporary, index=False)
+        swept.to_csv(temporary, index=False)
+    failures = {}
+    notes: Counter[str] = Counter()
+    for task, done in finished.items():
+        if isinstance(done.outcome, ContactResult):
+            notes.update(done.outcome.notes)
+        else:
+            failures[f"{task.method.name}-{task.label}"] = done.outcome
     fields = {
-        t.fields: f"{t.words}, {t.method.name}" for t in tasks if t.fields is not None
+        task.fields_file: f"{task.description}, {task.method.name}"
+        for task in sweep.tasks
+        if task.fields_file is not None
     }
     return Swept(
-        folder, found, failures, len(reused), loads, quantities or (), notes, fields
+        folder=folder,
+        table=swept,
+        failures=failures,
+        reused=sum(done.reused for done in finished.values()),
+        loads=_loads(sweep, finished),
+        quantities=sweep.quantities or (),
+        notes=notes,
+        fields=fields,
     )
+
+
+def _list_of_tasks(sweep: Sweep, size: str, run: Run, folder: Path) -> dict[str, Any]:
+    """Return the content of sweep.json: for each task its point, method, seed, the file
+    of its result and the key of this result.
+    """
+    rows = []
+    for task, point in zip(sweep.tasks, sweep.points, strict=True):
+        seed = None
+        if not task.label.endswith("-single"):
+            seed = getattr(task.recipe, "seed", None)
+        rows.append(
+            {
+                "point": point,
+                "method": task.method.name,
+                "seed": seed,
+                "file": str(task.result_path(run.folder).relative_to(folder)),
+                "key": key_of(task),
+            }
+        )
+    case_id = sweep.tasks[0].case.id
+    return {"schema": _FORMAT, "case": case_id, "size": size, "tasks": rows}
+
+
+def _loads(
+    sweep: Sweep, finished: Mapping[Task, FinishedTask]
+) -> dict[str, tuple[list[dict[str, Any]], str]]:
+    """Return the rows of loads of each point and method, and the number of surfaces."""
+    results: dict[str, list[ContactResult]] = {}
+    for task, point in zip(sweep.tasks, sweep.points, strict=True):
+        outcome = finished[task].outcome
+        if isinstance(outcome, ContactResult):
+            name = f"{describe_point(point)}, {task.method.name}"
+            results.setdefault(name, []).append(outcome)
+    extra = [name.removeprefix("quantity.") for name in sweep.quantities or ()]
+    return {
+        name: (load_rows(of_point, extra), str(len(of_point)))
+        for name, of_point in results.items()
+    }
 
 
 def table(folder: str | Path) -> pd.DataFrame:
@@ -254,7 +284,7 @@ def members(
         if data["schema"] != _FORMAT:
             raise ValueError(data["schema"])
         for task in data["tasks"]:
-            member = read_member(path_inside(folder, task["file"]))
+            member = read_saved(path_inside(folder, task["file"]))
             solved = member.get("key") == task["key"]
             yield task, ContactResult.from_json(member) if solved else None
     except (ValueError, KeyError, TypeError):

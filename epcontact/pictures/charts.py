@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact import persson
-from epcontact.harness.answers.store import load_rows
+from epcontact.harness.solving.method_results import load_rows
 from epcontact.output.charts.curves import (
     DENSITY,
     PRESSURE,

@@ -14,8 +14,8 @@ from typing import Any
 from epcontact import persson
 from epcontact.errors import OutputError
 from epcontact.files import write_json, write_text
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
+from epcontact.harness.solving.method_results import MethodResults
 from epcontact.output.charts.figures import Chart, Pictures
 from epcontact.output.charts.maps import map_of_file, pressure_difference
 from epcontact.output.loads import LOAD_CHARTS, Row, load_charts
@@ -39,7 +39,9 @@ _OF_RESULTS = ("pressure-distribution", "residuals", *LOAD_CHARTS)
 _ENDINGS = (".png", ".svg", ".csv", ".txt")
 
 
-def draw_case(case: Case, answers: Mapping[str, Answer], folder: Path) -> Pictures:
+def draw_case(
+    case: Case, answers: Mapping[str, MethodResults], folder: Path
+) -> Pictures:
     """Draw the pictures of a case that was solved.
 
     Args:

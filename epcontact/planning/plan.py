@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from epcontact.errors import EpcontactError, InvalidCase, InvalidScene
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case, CaseText, load_case
 from epcontact.harness.gates import Gate, standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.solving.method_results import MethodResults
 from epcontact.persson.theory import Theory
 from epcontact.persson.validity import expected_errors
 from epcontact.planning.grids import (
@@ -452,7 +452,9 @@ def finer_case(case: Case, chosen: Plan) -> Case | None:
     )
 
 
-def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) -> float:
+def achieved_error(
+    chosen: Plan, results: MethodResults, finer: MethodResults | None = None
+) -> float:
     """Return the relative error that a planned case achieved, the largest of its parts.
 
     It combines, as independent errors, the difference of the mean areas from those of a
@@ -462,20 +464,20 @@ def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) ->
 
     Args:
         chosen: The plan.
-        answer: The results of the plan's method for `planned_case`.
+        results: The results of the plan's method for `planned_case`.
         finer: The results for `finer_case`.
 
     Raises:
         InvalidCase: There are no results.
     """
-    if not answer.results or (finer is not None and not finer.results):
+    if not results.results or (finer is not None and not finer.results):
         raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
     if finer is None and not chosen.on_grid:
         return chosen.expected_error
-    best = answer if finer is None else finer
-    ensemble = answer if chosen.on_grid else best
+    best = results if finer is None else finer
+    ensemble = results if chosen.on_grid else best
 
-    def areas(of: Answer, kind: str, part: str) -> list[float]:
+    def areas(of: MethodResults, kind: str, part: str) -> list[float]:
         """Return one part of the area for each surface."""
         steps = [result.steps[chosen.step] for result in of.results]
         return [getattr(step.areas[kind], part) for step in steps]
@@ -485,7 +487,7 @@ def achieved_error(chosen: Plan, answer: Answer, finer: Answer | None = None) ->
         mean = float(np.mean(areas(best, "corrected", part)))
         difference = 0.0
         if finer is not None:
-            planned = areas(answer, chosen.areas, part)[: len(best.results)]
+            planned = areas(results, chosen.areas, part)[: len(best.results)]
             difference = float(np.mean(planned)) / mean - 1
         estimate = float(np.mean(areas(best, "error", part))) / mean
         values = areas(ensemble, "corrected", part)

@@ -29,7 +29,7 @@ import pandas as pd
 from epcontact import bem
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.methods.peers import PEERS, Pressure
-from epcontact.harness.processes import Child, ChildDied
+from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, TIGHT, timed
@@ -59,7 +59,7 @@ def agree(areas: Sequence[float], exact: Sequence[float]) -> bool:
 
 def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Rows:
     """Solve one surface by this package to each aim of `cost.AIMS`, and by every peer.
-    `call` makes the calls of the peers, as `Child.call` does.  Returns a row for each
+    `call` makes the calls of the peers, as `Worker.call` does.  Returns a row for each
     code: code, seconds, total (raw area; NaN where the code was ended), agrees, setting
     (the one that agreed or the last one tried) and points_a_side.
     """
@@ -97,7 +97,7 @@ def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Row
                 # Codes reach the hardness up to rounding.
                 at_hardness = pressure >= hardness * (1 - 1e-9)
                 areas = float((pressure > 0).mean()), float(at_hardness.mean())
-            except ChildDied as error:
+            except WorkerDied as error:
                 if "not finished within" not in str(error):
                     raise
             last = row(code, f"{effort:.3g}", seconds, areas)
@@ -139,7 +139,7 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
             "the codes are compared on one thread each, which some of them learn from the "
             "environment only; set OMP_NUM_THREADS=1"
         )
-    child = Child()
+    child = Worker()
     for law in LAWS:
         race(
             law, 4, solvers, child.call

@@ -7,7 +7,7 @@ The columns are separated by tabs:
 - the place that is changed;
 - what it becomes;
 - what sees it: a test, or a case and the quantity whose gate turns red, followed by
-  fields of `Fault` such as `status=refused`.
+  fields of `Fault` such as `status=error`.
 
 A place is a pattern of code in the function (see `breaking.rewrite`), a text of the
 template, or one of these words, for which the next column is a Python expression:

@@ -24,11 +24,11 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.answers.store import kept
 from epcontact.harness.quantities.model_difference import (
     capped_body,
     elements_compliance,
 )
+from epcontact.harness.solving.saved import load_saved
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray
@@ -63,7 +63,7 @@ def make_map(size, output, jobs=None):
     """
     areas = []
     for sweep in maps.solved("hardness-map", size, output, jobs):
-        answers = ((task, kept(task, output)) for task in sweep.tasks)
+        answers = ((task, load_saved(task, output)) for task in sweep.tasks)
         areas += [measured_areas(task, answer) for task, answer in answers if answer]
     made = mapped(pd.concat(areas, ignore_index=True))
     path = output / "hardness-map" / size / "hardness_map.csv"

@@ -11,9 +11,9 @@ from 4 waves in a period to 8, the ratio rises.
 import numpy as np
 import pandas as pd
 
-from epcontact.harness.answers.run import Run, tasks_of
 from epcontact.harness.case_files.case import case_at, find_named
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.solving.tasks import Run, tasks_of
 from laboratory.hardness_map import inverse_hardness, measured_areas
 
 LOADS = (0.003, 0.01, 0.03, 0.1)

@@ -28,8 +28,8 @@ import pandas as pd
 
 from epcontact import Load, Material, Scene, SelfAffineSpectrum, bem, persson
 from epcontact.errors import InvalidScene
-from epcontact.harness.answers.store import kept
 from epcontact.harness.gates import distance
+from epcontact.harness.solving.saved import load_saved
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson import EnergyReduction, Theory, roughness_of, validity
 from epcontact.persson.local import CONSTANTS
@@ -72,8 +72,10 @@ def place_row(tasks, output):
     """The errors of the theory at one place, with their standard errors and the grid's
     claims.
     """
-    (theory,) = (kept(task, output) for task in tasks if task.method.name == "persson")
-    found = [kept(task, output) for task in tasks if task.method.name == "bem"]
+    (theory,) = (
+        load_saved(task, output) for task in tasks if task.method.name == "persson"
+    )
+    found = [load_saved(task, output) for task in tasks if task.method.name == "bem"]
     case = tasks[0].case
     spectrum = tasks[0].recipe.spectrum
     unit = effective_modulus(case.material) * spectrum.rms_slope

@@ -148,7 +148,7 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
         yield from _strength_mistakes(case)  # a sweep may give what its case lacks
     try:
         check_load(case.material, case.load)
-        if not all(METHODS[name].steps for name in case.methods):
+        if not all(METHODS[name].follows_unloading for name in case.methods):
             check_loading(case.material, case.load)
     except EpcontactError as error:
         yield str(error)

@@ -35,7 +35,7 @@ import numpy as np
 from epcontact import results
 from epcontact.errors import InvalidScene, NotConverged, sentence_of
 from epcontact.files import atomic_write
-from epcontact.harness.processes import death_of
+from epcontact.harness.workers import describe_death
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
 from fem_check.driver import problem_of
@@ -173,7 +173,7 @@ def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
     said = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
     printed = folder / "block.dat"
     if done.returncode or said or not printed.is_file():
-        why = said[0] if said else f"it {death_of(done.returncode)}"
+        why = said[0] if said else f"it {describe_death(done.returncode)}"
         raise NotConverged(f"CalculiX did not solve the block: {why}")
     tables: list[list[list[float]]] = []
     for line in printed.read_text(encoding="utf-8").splitlines():

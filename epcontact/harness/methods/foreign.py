@@ -3,9 +3,8 @@ scene.
 
 A solver is named by its source: `module:function`, which maps a Scene to a
 ContactResult, or a command in any language, 'command {scene} {result}'.  Whatever it
-does to its scene, its machine or its process, of which words and numbers alone are
-read, the caller gets a checked result or an error that says what happened.  A process
-serves all solves of one solver until it dies.
+does to its scene or its process, the caller gets a checked result or an error that says
+what happened.  A process serves all solves of one solver until it dies.
 
 A command reads one text file and writes another, in the units and conventions of
 `help(epcontact)`.
@@ -65,8 +64,8 @@ import numpy as np
 
 from epcontact import results
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
-from epcontact.harness.processes import Child, ChildDied, death_of
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
+from epcontact.harness.workers import Worker, WorkerDied, describe_death
 from epcontact.results import (
     Areas,
     ContactResult,
@@ -81,6 +80,15 @@ from epcontact.scene import Scene
 PLACEHOLDER = re.compile(r"\{(scene|result)\}")
 _EXPONENT = re.compile(r"(?<=[\d.])(?:[dD]|(?=[+-]))")  # of Fortran's double precision
 _LOGICAL = {"T": "1", "F": "0"}
+#: What the checks of a result raise that holds something else than numbers.
+_MISTAKES = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual")
 
 
@@ -96,14 +104,14 @@ def require_solver(source: str) -> None:
     program.
     """
     if not is_command(source):
-        _asked(source, None)
-    elif sorted(match[1] for match in PLACEHOLDER.finditer(source)) != [
-        "result",
-        "scene",
-    ]:
+        _ask(source, None)
+        return
+    placeholders = [match[1] for match in PLACEHOLDER.finditer(source)]
+    if sorted(placeholders) != ["result", "scene"]:
         needed = "the placeholders {scene} and {result} once each"
         raise InvalidCase(f"solver {source}: a command needs {needed}")
-    elif shutil.which(program := _words(source)[0]) is None:
+    program = _words(source)[0]
+    if shutil.which(program) is None:
         raise InvalidCase(f"solver {source}: there is no program {program!r} to run")
 
 
@@ -114,54 +122,51 @@ def solve(
     limit: float = math.inf,
     before: FloatArray | None = None,
 ) -> ContactResult:
-    """Return the result of a foreign solver, called `name`, at the last load of a copy
-    of the scene; before: how far the load before has left the surface lowered, in m.
+    """Return the checked result of a foreign solver at the last load of a scene.
+
+    Args:
+        name: the name of the solver in results.
+        source: its `module:function` or command.
+        scene: the solver gets a copy of it.
+        limit: seconds after which the process of the solver is ended.
+        before: how far the load before has left the surface lowered, in m; None: by
+            nothing.
+
+    Raises:
+        InvalidCase: if the process dies, or the result is wrong or not converged.
     """
-    answer, said = (
-        _asked(source, scene, limit),
-        "a ContactResult that cannot be read ({})",
-    )
+    result = _ask(source, scene, limit)
+    assert result is not None, "a solver that has a scene answers with a result"
     try:
-        data = json.loads(answer[: (end := answer.index(b"\n") + 1)])
-        names, numbers = data["fields"], np.frombuffer(memoryview(answer)[end:]).copy()
-        fields = dict(
-            zip(names, numbers.reshape(len(names), *scene.surface.shape), strict=True)
-        )
-        result, said = replace(ContactResult.from_json(data), fields=fields), "{}"
         result = _checked(result, scene, before)
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ) as e:
-        raise InvalidCase(
-            f"solver {source} returned {said.format(sentence_of(e))}"
-        ) from None
+    except _MISTAKES as error:
+        sentence = sentence_of(error)
+        raise InvalidCase(f"solver {source} returned {sentence}") from None
     options = {**result.provenance.options, "solver": source}
     provenance = replace(result.provenance, scene=scene.digest, options=options)
     return replace(result, method=name, provenance=provenance)
 
 
 @functools.cache
-def _child(source: str) -> Child:
+def _worker(source: str) -> Worker:
     """Return the process of a solver."""
-    return Child(plain=True)
+    return Worker()
 
 
-def _asked(source: str, scene: Scene | None, limit: float = math.inf) -> bytes:
-    """Return what `_answer` does in the process of a solver; raises InvalidCase if it
-    says why.
+def _ask(
+    source: str, scene: Scene | None, limit: float = math.inf
+) -> ContactResult | None:
+    """Return what `_solve_here` does in the process of a solver.
+
+    Raises InvalidCase if the process dies or says why there is no result.
     """
     try:
-        answer = _child(source).call(_answer, source, scene, limit=limit)
-    except ChildDied as end:
+        answer = _worker(source).call(_solve_here, source, scene, limit=limit)
+    except WorkerDied as death:
         what = "" if scene else "cannot be imported: it "
-        raise InvalidCase(f"solver {source} {what}{end}") from None
-    if not answer.startswith(b"{"):
-        raise InvalidCase(answer.decode(errors="replace"))
+        raise InvalidCase(f"solver {source} {what}{death}") from None
+    if isinstance(answer, str):
+        raise InvalidCase(answer)
     return answer
 
 
@@ -270,47 +275,57 @@ def _by_its_pressures(
 # ----------------------------------------------------------------
 
 
-def _answer(source: str, scene: Scene | None) -> bytes:
-    """Return what a solver says as plain data, as it may have changed all that computes
-    in its process: a line of JSON and the numbers of its fields, or the sentence that
-    says why there is no result.  Without a scene a function is only imported.
+def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
+    """Return the result of a solver as plain data: numbers, words and arrays of floats.
+
+    A solver may have changed anything in its process, so that its result is checked
+    again where it is used.  The sentence that says why there is no result takes its
+    place.  Without a scene a function is only imported.
     """
-    said, solver = "cannot be imported ({}); give package.module:function", None
+    doing = "cannot be imported ({}); give package.module:function"
     try:
+        solver = None
         if not is_command(source):
             module, _, name = source.partition(":")
             solver = getattr(importlib.import_module(module), name)
         if scene is None:
-            return b"{}"
-        scene = replace(
-            scene, surface=replace(scene.surface)
-        )  # heights are read-only again
-        said = "raised {}" if solver else "returned {}"
-        result = solver(scene) if solver else answer_of_command(_words(source), scene)
-        said, shape = "returned {}", scene.surface.shape
-        if not isinstance(result, ContactResult):
-            raise InvalidCase(
-                f"no epcontact.ContactResult but {type(result).__name__!r}"
-            )
-        fields = {name: np.asarray(values) for name, values in result.fields.items()}
-        for name, values in fields.items():
-            wrong = f"the field {name} of"
-            if values.shape != shape:
-                raise InvalidCase(
-                    f"{wrong} shape {values.shape}, but the scene's grid is {shape}"
-                )
-            if values.dtype.kind not in "biuf":
-                raise InvalidCase(
-                    f"{wrong} type {values.dtype}, but numbers are needed"
-                )
-        said = "returned a ContactResult that cannot be read ({})"
-        head = json.dumps(
-            plain(result.to_json()) | {"fields": [*fields]}, allow_nan=False
-        )
-        numbers = (values.astype(np.float64).tobytes() for values in fields.values())
-        return b"".join((head.encode(), b"\n", *numbers))
+            return None
+        # The heights of a copy are read-only again, after those of another solve.
+        scene = replace(scene, surface=replace(scene.surface))
+        if solver is None:
+            doing = "returned {}"
+            result = answer_of_command(_words(source), scene)
+        else:
+            doing = "raised {}"
+            result = solver(scene)
+        doing = "returned {}"
+        fields = _checked_fields(result, scene.surface.shape)
+        doing = "returned a ContactResult that cannot be read ({})"
+        data = json.loads(json.dumps(plain(result.to_json()), allow_nan=False))
+        return replace(ContactResult.from_json(data), fields=fields)
     except (Exception, SystemExit) as error:
-        return f"solver {source} {said.format(sentence_of(error))}".encode()
+        return f"solver {source} {doing.format(sentence_of(error))}"
+
+
+def _checked_fields(result: Any, shape: tuple[int, ...]) -> dict[str, FloatArray]:
+    """Return the fields of a result on a grid, by plain names."""
+    if not isinstance(result, ContactResult):
+        raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
+    fields = {}
+    for name, given in result.fields.items():
+        values = np.asarray(given)
+        if values.shape != shape:
+            raise InvalidCase(
+                f"the field {name} of shape {values.shape}, but the scene's grid is "
+                f"{shape}"
+            )
+        if values.dtype.kind not in "biuf":
+            raise InvalidCase(
+                f"the field {name} of type {values.dtype}, but numbers are needed"
+            )
+        plain_name = str(name) if isinstance(name, str) else name
+        fields[plain_name] = np.array(values, dtype=np.float64)
+    return fields
 
 
 def _words(source: str) -> list[str]:
@@ -346,7 +361,7 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
             sys.stderr.write(said)
         if done.returncode:
             last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
-            raise InvalidCase(f"a command that {death_of(done.returncode)}{last}")
+            raise InvalidCase(f"a command that {describe_death(done.returncode)}{last}")
         if not written.is_file():
             raise InvalidCase(
                 "a command that ended with exit code 0 and wrote no result"

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from importlib.metadata import entry_points
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -30,16 +30,43 @@ from epcontact import bem
 from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.methods import foreign
+from epcontact.harness.methods.load_by_load import OnLoad, solve_load_by_load
 from epcontact.machine import compile_seconds
 from epcontact.materials.moduli import effective_modulus
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.surfaces import Recipe, SelfAffine
 from fem_check.driver import solve_path
 from fem_check.options import FemOptions, Geometry, LawName
 from fem_check.result import contact_result
 
-Solve = Callable[[Scene, Mapping[str, Any], int | None], ContactResult]
+
+class Solve(Protocol):
+    """A function that solves a scene."""
+
+    def __call__(
+        self,
+        scene: Scene,
+        options: Mapping[str, Any],
+        threads: int | None,
+        on_load: OnLoad | None = None,
+    ) -> ContactResult:
+        """Return the result at each load of the scene's path.
+
+        Args:
+            scene: the scene.
+            options: the keys of the method's table in a case file; for `Method`s with
+                `load_files` also `progress`, a function that is called with the
+                fraction that is done and a sentence, and for "bodies" `output`, a
+                folder; with a `source` also `limit`, the seconds after which the
+                process of the solver is ended.
+            threads: the number of threads; None: all cores.
+            on_load: called after each load whose fields the method knows, with the
+                result up to this load.  `cost["seconds"]` does not count its time.
+        """
+        ...
+
+
 MemoryEstimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], float]
 
 
@@ -170,21 +197,21 @@ class Method:
     """One way to answer a scene.
 
     Attributes:
-        name, meaning: its name in cases, files and commands, and its description in one
-        line. solve: maps (scene, options, threads) to a ContactResult; threads None:
-        all cores. table: name of the case file's table that holds the options; empty if
-        there are none. has_fields: the result has fields on the grid of the surface.
-        has_model_measures: gates can ask how the J2 flow of the method differs from a
-        cap. steps: of a method that follows a path of loads, unloading included, and
-        takes `progress`,
-            called with a share that is done and a sentence, and `on_step`, a function
-            that is called with a result of each load: "output" if it writes bodies into
-            a folder itself.
+        name: its name in cases, files and commands.
+        meaning: its description in one line.
+        solve: see `Solve`.
+        table: name of the case file's table that holds its options; empty: it has none.
+        has_fields: whether the result has fields on the grid of the surface.
+        has_model_measures: whether gates can ask how the J2 flow of the method differs
+            from a cap.
+        load_files: of a method that follows a path of loads, unloading included: who
+            writes the files of each load.  "fields": the harness; "bodies": the method
+            itself, into the folder of its option `output`; "": it follows no path.
         memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that
             takes no time.
         requires: a module of the extra `peers` that the method needs.
-        program: on the PATH that the method needs.
+        program: a program on the PATH that the method needs.
         source: `module:function` or command of a solver from outside the package.
     """
 
@@ -194,7 +221,7 @@ class Method:
     table: str = ""
     has_fields: bool = True
     has_model_measures: bool = False
-    steps: Literal["", "on_step", "output"] = ""
+    load_files: Literal["", "fields", "bodies"] = ""
     memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
     requires: str = ""
@@ -203,8 +230,22 @@ class Method:
 
     @property
     def plannable(self) -> bool:
-        """True for the package's own methods on grids, whose grid a plan can choose."""
-        return bool(self.steps)
+        """Whether it is one of the package's own methods on grids, whose grid a plan
+        can choose.
+        """
+        return bool(self.load_files)
+
+    @property
+    def follows_unloading(self) -> bool:
+        """Whether the mean pressures of a path may fall."""
+        return bool(self.load_files)
+
+    @property
+    def knows_one_load(self) -> bool:
+        """Whether it has the fields of one load alone, so that it is asked for each
+        load of a path (see `load_by_load`).
+        """
+        return bool(self.source or self.requires)
 
     @property
     def foreign(self) -> bool:
@@ -227,51 +268,103 @@ class Method:
 # and most commands solve nothing.
 
 
-def _persson(scene: Scene, options: Mapping[str, Any], _: int | None) -> ContactResult:
+class _Timed:
+    """Calls `on_load` and counts the seconds that it takes."""
+
+    def __init__(self, on_load: OnLoad) -> None:
+        self.on_load = on_load
+        self.seconds = 0.0
+
+    def __call__(self, result: ContactResult) -> None:
+        started = time.perf_counter()
+        self.on_load(result)
+        self.seconds += time.perf_counter() - started
+
+
+def _persson(
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
+) -> ContactResult:
     from epcontact import persson
 
     return persson.solve(scene, **options)
 
 
 def _bem(
-    scene: Scene, options: Mapping[str, Any], threads: int | None
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
 ) -> ContactResult:
-    return bem.solve(scene, threads=threads, **options)
+    if on_load is None:
+        return bem.solve(scene, threads=threads, **options)
+    timed = _Timed(on_load)
+    result = bem.solve(scene, threads=threads, on_step=timed, **options)
+    seconds = result.cost["seconds"] - timed.seconds
+    return replace(result, cost={**result.cost, "seconds": seconds})
 
 
 def _fem(
-    scene: Scene, options: Mapping[str, Any], threads: int | None
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
 ) -> ContactResult:
-    started, compiled = time.perf_counter(), compile_seconds()
-    own = {name: value for name, value in options.items() if name != "on_step"}
-    path = solve_path(scene, threads=threads, **own)
-    for last in range(len(path.points) if "on_step" in options else 0):
-        options["on_step"](
-            contact_result(replace(path, points=path.points[: last + 1]))
-        )
+    started = time.perf_counter()
+    compiled = compile_seconds()
+    path = solve_path(scene, threads=threads, **options)
     result = contact_result(path)
     # Its own time ends before its last kernel may be compiled.
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
-    return replace(result, cost=dict(result.cost) | {"seconds": seconds})
+    if on_load is not None:
+        for count in range(1, len(path.points) + 1):
+            on_load(contact_result(replace(path, points=path.points[:count])))
+    return replace(result, cost={**result.cost, "seconds": seconds})
 
 
-def _peer(name: str, scene: Scene, *_: Any) -> ContactResult:
+def _peer(
+    name: str,
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
+) -> ContactResult:
     from epcontact.harness.methods import peers
 
-    answer: ContactResult = getattr(peers, name)(scene)
-    return answer
+    solve = getattr(peers, name)
+    return solve_load_by_load(lambda scene, _: solve(scene), scene, on_load)
 
 
-def _calculix(scene: Scene, options: Mapping[str, Any], _: int | None) -> ContactResult:
+def _calculix(
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
+) -> ContactResult:
     from epcontact.harness.methods import calculix
 
-    return calculix.solve(scene, options)
+    result = calculix.solve(scene, options)
+    if on_load is not None:  # its fields are those of the last load
+        on_load(result)
+    return result
 
 
 def _foreign(
-    name: str, source: str, scene: Scene, options: Any, *_: Any
+    name: str,
+    source: str,
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
 ) -> ContactResult:
-    return foreign.solve(name, source, scene, **options)
+    end = time.monotonic() + options.get("limit", math.inf)
+
+    def solve_last(scene: Scene, lowered: FloatArray | None) -> ContactResult:
+        return foreign.solve(name, source, scene, end - time.monotonic(), lowered)
+
+    return solve_load_by_load(solve_last, scene, on_load)
 
 
 def _warm_up(solve: Solve, points: int, **options: Any) -> None:
@@ -305,7 +398,7 @@ _OWN = (
         "FFT boundary elements with a pressure cap",
         _bem,
         "bem",
-        steps="on_step",
+        load_files="fields",
         memory=_grid_bytes,
         load=partial(_warm_up, _bem, 128),
     ),
@@ -315,7 +408,7 @@ _OWN = (
         _fem,
         "fem",
         has_model_measures=True,
-        steps="output",
+        load_files="bodies",
         memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
     ),

@@ -14,8 +14,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.results import LoadStep
 
 #: The names of the quantities of this module.
@@ -26,7 +26,7 @@ MOST = 0.5
 
 
 @quantity("–")
-def filled_contact(a: Answered) -> float:
+def filled_contact(a: SolvedScene) -> float:
     """fraction of the grid points in contact whose heights were filled or replaced, not measured.
 
     It is 0 for a surface without such heights.
@@ -35,7 +35,7 @@ def filled_contact(a: Answered) -> float:
 
 
 @quantity("–")
-def filled_load(a: Answered) -> float:
+def filled_load(a: SolvedScene) -> float:
     """fraction of the load on grid points whose heights were filled or replaced, not measured.
 
     It is 0 for a surface without such heights.
@@ -43,7 +43,7 @@ def filled_load(a: Answered) -> float:
     return _fraction_on_filled(a, a.pressure)
 
 
-def _fraction_on_filled(a: Answered, values: NDArray[Any]) -> float:
+def _fraction_on_filled(a: SolvedScene, values: NDArray[Any]) -> float:
     """Return the sum of values at the filled points over that at all points.
 
     Raises InvalidCase if the sum over all points is 0, because nothing is in contact.

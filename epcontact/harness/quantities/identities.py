@@ -12,9 +12,9 @@ import itertools
 import numpy as np
 
 from epcontact.errors import InvalidCase
-from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.measurements import measured_carried
 from epcontact.harness.quantities.registry import quantity
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.reference.layers import compliance
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
@@ -24,7 +24,7 @@ _SAME = (
 
 
 @quantity("–")
-def measured_areas(a: Answered) -> float:
+def measured_areas(a: SolvedScene) -> float:
     """largest error of the areas that needs no reference: counts of the pressures,
     sums.
 
@@ -53,7 +53,7 @@ def measured_areas(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_figures(a: Answered) -> float:
+def measured_figures(a: SolvedScene) -> float:
     """largest difference of a reported mean, energy or pressure from that of the
     fields.
 
@@ -93,7 +93,7 @@ def measured_figures(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_fields(a: Answered) -> float:
+def measured_fields(a: SolvedScene) -> float:
     """largest error of heights, displacement, gap (over the rms height) and state.
 
     They follow from the pressures and the heights alone; a point in a wrong state
@@ -124,7 +124,7 @@ def measured_fields(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_distribution(a: Answered) -> float:
+def measured_distribution(a: SolvedScene) -> float:
     """largest difference of the distribution from a count of the pressures.
 
     The count is that of the definition of `PressureDistribution`; it is a share of the
@@ -140,7 +140,7 @@ def measured_distribution(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_residuals(a: Answered) -> float:
+def measured_residuals(a: SolvedScene) -> float:
     """largest relative error of the reported residuals of the gap.
 
     It is for a loose solve, whose residuals are far above rounding.
@@ -162,7 +162,7 @@ def measured_residuals(a: Answered) -> float:
 
 
 @quantity("–", needs=())
-def distribution_balance(a: Answered) -> float:
+def distribution_balance(a: SolvedScene) -> float:
     """largest error of the distribution's areas (over the contact) and of its load
     (over p0).
 
@@ -179,7 +179,7 @@ def distribution_balance(a: Answered) -> float:
 
 
 @quantity("–", needs=())
-def cycle_area(a: Answered) -> float:
+def cycle_area(a: SolvedScene) -> float:
     """total area at the last load over that when the path first had this load, less
     1.
     """
@@ -199,7 +199,7 @@ def cycle_area(a: Answered) -> float:
 
 
 @quantity("–", needs=())
-def path_work(a: Answered) -> float:
+def path_work(a: SolvedScene) -> float:
     """work of the load path over the energy that it leaves, less 1; by Simpson's rule.
 
     The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored
@@ -222,7 +222,7 @@ def path_work(a: Answered) -> float:
 
 
 def _approach_and_energy(
-    a: Answered, load: FloatArray
+    a: SolvedScene, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the approach (m) and the energy (J/m^2, stored or spent) at each load
     step.
@@ -249,7 +249,7 @@ def _approach_and_energy(
     return compressed - separation, energy
 
 
-def _along(a: Answered, name: str) -> FloatArray:
+def _along(a: SolvedScene, name: str) -> FloatArray:
     """Return a figure at each load step."""
     if not all(name in step.quantities for step in a.result.steps):
         raise InvalidCase(

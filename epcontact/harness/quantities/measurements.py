@@ -12,8 +12,8 @@ import numpy as np
 
 from epcontact import interface
 from epcontact.harness.gates import carried_pressure
-from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.reference import roughness
 from epcontact.results import APART, ELASTIC, PLASTIC
 
@@ -22,32 +22,32 @@ from epcontact.results import APART, ELASTIC, PLASTIC
 
 
 @quantity("m", needs=())
-def surface_rms_height(a: Answered) -> float:
+def surface_rms_height(a: SolvedScene) -> float:
     """rms height of the surface."""
     return a.scene.surface.rms_height
 
 
 @quantity("–", needs=())
-def surface_rms_slope(a: Answered) -> float:
+def surface_rms_slope(a: SolvedScene) -> float:
     """rms slope of the surface by spectral derivatives."""
     return roughness.rms_slope(a.scene)
 
 
 @quantity("m", needs=())
-def surface_highest(a: Answered) -> float:
+def surface_highest(a: SolvedScene) -> float:
     """height of the highest point over the mean."""
     heights = a.scene.surface.heights
     return float((heights - heights.mean()).max())
 
 
 @quantity("–", needs=())
-def surface_skewness(a: Answered) -> float:
+def surface_skewness(a: SolvedScene) -> float:
     """skewness of the heights: of the other sign upside down."""
     above = a.scene.surface.heights - a.scene.surface.heights.mean()
     return float((above**3).mean() / (above**2).mean() ** 1.5)
 
 
-def _summit(a: Answered) -> tuple[int, ...]:
+def _summit(a: SolvedScene) -> tuple[int, ...]:
     heights = a.scene.surface.heights
     return tuple(
         int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape)
@@ -55,14 +55,14 @@ def _summit(a: Answered) -> tuple[int, ...]:
 
 
 @quantity("–", needs=(), name="surface_summit_{}", each={"x": "x", "y": "y"})
-def summit(a: Answered, axis: str) -> float:
+def summit(a: SolvedScene, axis: str) -> float:
     """place of the highest point along {}, over the period."""
     number = "xy".index(axis)
     return float(_summit(a)[number] / a.scene.surface.shape[number])
 
 
 @quantity("1/m", needs=())
-def surface_curvature(a: Answered) -> float:
+def surface_curvature(a: SolvedScene) -> float:
     """curvature at the highest point by differences, mean over the axes."""
     surface, summit, curvatures = a.scene.surface, _summit(a), []
     for axis, d in enumerate(surface.spacing):
@@ -76,7 +76,7 @@ def surface_curvature(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_force(a: Answered) -> float:
+def measured_force(a: SolvedScene) -> float:
     """mean(p)/p0 - 1.
 
     After a path to zero load it is mean(p) over the largest mean pressure.
@@ -85,14 +85,14 @@ def measured_force(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_bounds(a: Answered) -> float:
+def measured_bounds(a: SolvedScene) -> float:
     """largest distance of p from [0, hardness], over p0."""
     beyond = float(a.pressure.max()) - a.scene.material.hardness
     return max(-float(a.pressure.min()), beyond, 0.0) / a.load_scale
 
 
 @quantity("–")
-def measured_gap(a: Answered) -> float:
+def measured_gap(a: SolvedScene) -> float:
     """largest violation of the contact conditions (Karush-Kuhn-Tucker) over the rms height:
     |g| where 0 < p < hardness, -g where p = 0, g where p = hardness.
 
@@ -109,19 +109,19 @@ def measured_gap(a: Answered) -> float:
 
 
 @quantity("–")
-def measured_raw_total(a: Answered) -> float:
+def measured_raw_total(a: SolvedScene) -> float:
     """share of grid points with p > 0, less the raw area."""
     return float((a.pressure > 0).mean()) - a.result.final.areas["raw"].total
 
 
 @quantity("–")
-def measured_raw_plastic(a: Answered) -> float:
+def measured_raw_plastic(a: SolvedScene) -> float:
     """share of grid points at the hardness, less the raw plastic area."""
     return float(a.at_the_cap.mean()) - a.result.final.areas["raw"].plastic
 
 
 @quantity("–")
-def measured_carried(a: Answered) -> float:
+def measured_carried(a: SolvedScene) -> float:
     """(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
     carried, hardness = carried_pressure(a.distribution), a.scene.material.hardness
     if math.isfinite(hardness):
@@ -130,7 +130,7 @@ def measured_carried(a: Answered) -> float:
 
 
 @quantity("Pa")
-def smallest_contact_pressure(a: Answered) -> float:
+def smallest_contact_pressure(a: SolvedScene) -> float:
     """smallest pressure where p > 0."""
     touching = a.pressure > 0
     return float(a.pressure[touching].min()) if touching.any() else 0.0
@@ -156,7 +156,7 @@ _LARGEST = {
     "elastic": "elastic contact; no claim: 4 points are off by 12 %, one in ten by several times",
     "plastic": "plastic contact; no claim: 4 points are off by 12 %, one in ten by 70 %",
 }
-Limit = Callable[[Answered], interface.Limit]
+Limit = Callable[[SolvedScene], interface.Limit]
 
 
 def _limit(unit: str) -> Callable[[Limit], Limit]:
@@ -165,7 +165,7 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
     """
 
     def add(measure: Limit) -> Limit:
-        def of_kind(a: Answered, kind: str) -> float:
+        def of_kind(a: SolvedScene, kind: str) -> float:
             return float(
                 getattr(a.once(measure), kind.removeprefix(".") or "corrected")
             )
@@ -178,7 +178,7 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
 
 
 @_limit("Pa/m")
-def stiffness_loading(a: Answered) -> interface.Limit:
+def stiffness_loading(a: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
     if a.flows:  # a J2 body hardens where it flows, and by how much two more loads tell
         return interface.Limit(math.nan, math.nan, math.nan)
@@ -188,13 +188,13 @@ def stiffness_loading(a: Answered) -> interface.Limit:
 
 
 @_limit("Pa/m")
-def stiffness_unloading(a: Answered) -> interface.Limit:
+def stiffness_unloading(a: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load falls next."""
     return interface.interface_stiffness(a.scene, a.result, "unloading")
 
 
 @_limit("1/m")
-def conductance(a: Answered) -> interface.Limit:
+def conductance(a: SolvedScene) -> interface.Limit:
     """contact conductance per nominal area times the sum of the bodies'
     resistivities.
     """
@@ -203,7 +203,7 @@ def conductance(a: Answered) -> interface.Limit:
     )
 
 
-def _patches(a: Answered, part: str) -> Any:
+def _patches(a: SolvedScene, part: str) -> Any:
     state = a.field("state")
     masks = {
         "total": state != APART,
@@ -214,18 +214,18 @@ def _patches(a: Answered, part: str) -> Any:
 
 
 @quantity("–", name="{}_patches", each=_NUMBERS)
-def patches(a: Answered, part: str) -> float:
+def patches(a: SolvedScene, part: str) -> float:
     """number of connected patches of {}."""
     return float(_patches(a, part).size)
 
 
 @quantity("–", name="{}_patches_largest", each=_LARGEST)
-def largest_patch(a: Answered, part: str) -> float:
+def largest_patch(a: SolvedScene, part: str) -> float:
     """share of the nominal area in the largest patch of {}."""
     return float(_patches(a, part).max(initial=0.0))
 
 
-def _closeness(a: Answered) -> Any:
+def _closeness(a: SolvedScene) -> Any:
     p, gap, height = (
         a.pressure,
         a.field("gap"),
@@ -240,7 +240,7 @@ def _closeness(a: Answered) -> Any:
 
 
 @_limit("–")
-def contact_percolation(a: Answered) -> interface.Limit:
+def contact_percolation(a: SolvedScene) -> interface.Limit:
     """share of the nominal area, the closest points first, that first connects across a
     period.
     """
@@ -248,7 +248,7 @@ def contact_percolation(a: Answered) -> interface.Limit:
 
 
 @_limit("–")
-def gap_percolation(a: Answered) -> interface.Limit:
+def gap_percolation(a: SolvedScene) -> interface.Limit:
     """share of the nominal area, the widest gaps first, that first connects across a
     period.
     """

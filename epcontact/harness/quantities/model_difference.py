@@ -20,8 +20,8 @@ import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.gates import Difference, difference, l2_distance
-from epcontact.harness.quantities.answered import Answered
 from epcontact.harness.quantities.registry import quantity
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
@@ -188,7 +188,7 @@ _EFFECTIVE = {
 
 
 @quantity("–", _J2_AND_CAP, "model_{}", each=_MODEL)
-def model(a: Answered, part: str) -> float:
+def model(a: SolvedScene, part: str) -> float:
     """{}."""
     found = difference(a.result, a.once(_capped), a.scene.material.hardness)
     return {
@@ -199,14 +199,14 @@ def model(a: Answered, part: str) -> float:
 
 
 @quantity("–", _J2, "effective_{}", each=_EFFECTIVE)
-def effective(a: Answered, part: str) -> float:
+def effective(a: SolvedScene, part: str) -> float:
     """{}."""
     ratio, at_cap = a.once(_effective)
     return ratio if part == "hardness" else at_cap.overlap
 
 
 @quantity("–")
-def elements_pressure(a: Answered) -> float:
+def elements_pressure(a: SolvedScene) -> float:
     """L2 difference of the pressures, elastic or capped, from those of boundary
     elements on the compliance of the elements, over their L2 norm.
     """
@@ -220,7 +220,7 @@ def elements_pressure(a: Answered) -> float:
 
 
 @quantity("–", _J2)
-def elements_area(a: Answered) -> float:
+def elements_area(a: SolvedScene) -> float:
     """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
 
     It is the effect of the finite-element grid, an error that falls with the spacing.
@@ -231,7 +231,7 @@ def elements_area(a: Answered) -> float:
     ).area
 
 
-def _require_j2(a: Answered) -> None:
+def _require_j2(a: SolvedScene) -> None:
     if not a.flows:
         law = a.result.provenance.options.get("law")
         raise InvalidCase(
@@ -239,14 +239,14 @@ def _require_j2(a: Answered) -> None:
         )
 
 
-def _capped(a: Answered) -> ContactResult:
+def _capped(a: SolvedScene) -> ContactResult:
     """Solve the body under a cap at the hardness of the scene."""
     _require_j2(a)
     compliance = elements_compliance(a.scene, a.result)
     return capped_body(a.scene, a.scene.material.hardness, compliance)
 
 
-def _effective(a: Answered) -> tuple[float, Difference]:
+def _effective(a: SolvedScene) -> tuple[float, Difference]:
     """Return c_eff, and the difference from the body under that cap; raise if there is
     none.
     """

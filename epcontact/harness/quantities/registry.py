@@ -7,7 +7,7 @@ one, write a function of an answered scene; its name is that of the quantity, it
 docstring the meaning:
 
     @quantity("–")
-    def measured_force(a: Answered) -> float:
+    def measured_force(a: SolvedScene) -> float:
         \"\"\"mean(p)/p0 - 1.\"\"\"
         return float(a.pressure.mean()) / a.scene.load.final - 1
 """
@@ -21,7 +21,7 @@ from importlib.resources import files
 
 from epcontact.errors import InvalidCase
 from epcontact.harness.gates import l2_distance
-from epcontact.harness.quantities.answered import Answered
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
@@ -40,7 +40,7 @@ class Quantity:
     unit: str
     meaning: str
     needs: tuple[str, ...] = ()
-    measure: Callable[[Answered], float] | None = None
+    measure: Callable[[SolvedScene], float] | None = None
 
 
 #: A method from outside the package may report unlisted quantities of these groups.
@@ -118,7 +118,7 @@ def read_quantity(result: ContactResult, name: str) -> float:
     return known[name]
 
 
-def measured(name: str, answered: Answered) -> float:
+def measure_on(solved: SolvedScene, name: str) -> float:
     """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its
     closed form.
 
@@ -126,14 +126,14 @@ def measured(name: str, answered: Answered) -> float:
     """
     if name.startswith("l2."):
         _, form, field = name.split(".", 2)
-        exact = CLOSED_FORMS[form].field(field, answered.scene)
-        return l2_distance(answered.field(field), exact)
+        exact = CLOSED_FORMS[form].field(field, solved.scene)
+        return l2_distance(solved.field(field), exact)
     found = QUANTITIES[name]
     assert found.measure is not None, f"{name} is reported by the methods, not measured"
     if "fields" in found.needs:
-        answered.field("pressure")  # raises InvalidCase if it is missing
+        solved.field("pressure")  # raises InvalidCase if it is missing
     try:
-        return found.measure(answered)
+        return found.measure(solved)
     except InvalidCase as error:  # a gate beside it must not be blamed
         raise InvalidCase(f"{name}: {error}") from error
 
@@ -142,10 +142,10 @@ def measure_all(
     names: Collection[str], scene: Scene, result: ContactResult
 ) -> dict[str, float]:
     """Measure quantities of a result with its fields; common solves run once."""
-    answered = Answered(scene, result)
-    return {name: measured(name, answered) for name in names}
+    solved = SolvedScene(scene, result)
+    return {name: measure_on(solved, name) for name in names}
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
-    """Measure a quantity of a result with its fields; see `measured`."""
-    return measured(name, Answered(scene, result))
+    """Measure a quantity of a result with its fields; see `measure_on`."""
+    return measure_on(SolvedScene(scene, result), name)

@@ -25,7 +25,6 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, OutputError, sentence_of
 from epcontact.files import read_bytes
-from epcontact.harness.answers.store import Answer
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.case_files.text import case_name
 from epcontact.harness.gates import (
@@ -49,9 +48,10 @@ from epcontact.harness.quantities.registry import (
     read_quantity,
     scalar_quantities,
 )
+from epcontact.harness.solving.method_results import MethodResults
+from epcontact.harness.verdict.digest import digest_of
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.made import Made
-from epcontact.harness.verdict.read_back import digest_of
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -94,7 +94,7 @@ class CaseVerdict(Record):
         description="the gates that this size leaves out or that the case omits",
     )
     _case: Case | None = PrivateAttr(default=None)
-    _answers: Mapping[str, Answer] = PrivateAttr(default_factory=dict)
+    _results: Mapping[str, MethodResults] = PrivateAttr(default_factory=dict)
 
     @property
     def case(self) -> Case:
@@ -108,9 +108,9 @@ class CaseVerdict(Record):
         return self._case
 
     @property
-    def answers(self) -> Mapping[str, Answer]:
-        """The answer of each method; empty if this was read from a file or skipped."""
-        return self._answers
+    def results(self) -> Mapping[str, MethodResults]:
+        """The results of each method; empty if this was read from a file or skipped."""
+        return self._results
 
     @property
     def unread_errors(self) -> list[str]:
@@ -200,28 +200,44 @@ class Verdict(Record):
     def on(
         cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None
     ) -> Verdict:
-        """Make the verdict: exit code 0 if all gates hold, 1 if one falls short, 2 on
-        an error.
+        """Return the verdict on cases.
+
+        Its exit code is 0 if all gates hold, 1 if one falls short, 2 on an error.
+
+        Args:
+            cases: the verdicts on the cases.
+            size: the size of the cases.
+            made: when and where the run began; None: now and here.
         """
         statuses = {case.status for case in cases}
-        exit_code: Any = 2 if ERROR in statuses else 1 if FALLS_SHORT in statuses else 0
-        used: dict[str, set[str]] = defaultdict(
-            set
-        )  # maybe by older versions than this run's
-        answers = (answer for case in cases for answer in case.answers.values())
-        for result in (result for answer in answers for result in answer.results):
-            for name, version in result.provenance.versions.items():
-                used[name].add(str(version))
-        versions = {name: ", ".join(sorted(found)) for name, found in used.items()}
+        exit_code: Literal[0, 1, 2] = 0
+        if FALLS_SHORT in statuses:
+            exit_code = 1
+        if ERROR in statuses:
+            exit_code = 2
         return cls(
             schema="epcontact-verdict-1",
             passed=exit_code == 0,
             exit_code=exit_code,
             size=size,
-            versions=versions or package_versions(),
+            versions=_versions(cases) or package_versions(),
             made=made or Made.here(),
             cases=list(cases),
         )
+
+
+def _versions(cases: Sequence[CaseVerdict]) -> dict[str, str]:
+    """Return the versions of the packages that made the results, by their names.
+
+    A package may have several: results may be reused that an older version made.
+    """
+    used: dict[str, set[str]] = defaultdict(set)
+    for case in cases:
+        for method in case.results.values():
+            for result in method.results:
+                for name, version in result.provenance.versions.items():
+                    used[name].add(str(version))
+    return {name: ", ".join(sorted(versions)) for name, versions in used.items()}
 
 
 def tightest(gates: Iterable[GateVerdict]) -> GateVerdict | None:
@@ -233,79 +249,105 @@ def tightest(gates: Iterable[GateVerdict]) -> GateVerdict | None:
     )
 
 
-def judge_case(case: Case, answers: Mapping[str, Answer]) -> CaseVerdict:
-    """Judge every gate of a case on the answers of its methods."""
-    answers = {} if case.skip else answers
-    gates = [] if case.skip else [_judged(case, gate, answers) for gate in case.gates]
-    told = [
-        {"kind": kind_of(case, gate), "subject": subject_of(case, gate)}
-        for gate in case.gates
-    ]
-    gates = [
-        gate.model_copy(update=said) for gate, said in zip(gates, told, strict=False)
-    ]
-    statuses = {gate.status for gate in gates}
-    if any(answer.errors for answer in answers.values()):
-        statuses.add(ERROR)  # also of a method that no gate reads
-    worst = next(
-        (status for status in (ERROR, FALLS_SHORT) if status in statuses), HOLDS
+def judge_case(case: Case, results: Mapping[str, MethodResults]) -> CaseVerdict:
+    """Judge every gate of a case.
+
+    Args:
+        case: the case; a skipped one is not judged.
+        results: the results of its methods, by their names.
+    """
+    if case.skip:
+        results = {}
+    gates = (
+        [] if case.skip else [_judge_gate(case, gate, results) for gate in case.gates]
     )
     judged = CaseVerdict(
         id=case.id,
         family=case_name(case.path),
         size=case.size,
-        scene=_scenes(answers),
-        status=SKIPPED if case.skip else worst,
+        scene=_digest_of_scenes(results),
+        status=SKIPPED if case.skip else _worst_status(gates, results),
         requirement=case.head.requirement,
         source=case.head.source,
         skipped_because=case.skip,
-        methods={
-            name: MethodEntry(
-                surfaces=len(a.results),
-                reused=a.reused,
-                errors=list(a.errors),
-                seconds={
-                    label: result.cost["seconds"]
-                    for label, result in zip(a.labels, a.results, strict=True)
-                    if "seconds" in result.cost
-                },
-                counts={
-                    name: math.fsum(result.cost.get(name, 0.0) for result in a.results)
-                    for name in sorted(
-                        {name for result in a.results for name in result.cost}
-                    )
-                    if name not in ("seconds", "peak_memory_bytes")
-                },
-            )
-            for name, a in answers.items()
-        },
+        methods={name: _entry(of_method) for name, of_method in results.items()},
         gates=gates,
         not_judged=list(case.not_judged),
     )
-    judged._case, judged._answers = case, answers
+    judged._case = case
+    judged._results = results
     return judged
 
 
-def _scenes(answers: Mapping[str, Answer]) -> str:
-    """Return the digest of the scenes that were solved; "" if none was."""
-    found = {result.provenance.scene for a in answers.values() for result in a.results}
-    return hashlib.sha256(" ".join(sorted(found)).encode()).hexdigest() if found else ""
+def _worst_status(
+    gates: Sequence[GateVerdict], results: Mapping[str, MethodResults]
+) -> Literal["holds", "falls short", "error"]:
+    """Return the status of a case; the error of a method that no gate reads counts."""
+    statuses = {gate.status for gate in gates}
+    if ERROR in statuses or any(of_method.errors for of_method in results.values()):
+        return ERROR
+    return FALLS_SHORT if FALLS_SHORT in statuses else HOLDS
 
 
-def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdict:
+def _entry(results: MethodResults) -> MethodEntry:
+    """Return the work of a method: seconds by surface, counts summed over surfaces."""
+    seconds = {}
+    counts: dict[str, list[float]] = defaultdict(list)
+    for label, result in zip(results.labels, results.results, strict=True):
+        for name, value in result.cost.items():
+            if name == "seconds":
+                seconds[label] = value
+            elif name != "peak_memory_bytes":
+                counts[name].append(value)
+    return MethodEntry(
+        surfaces=len(results.results),
+        reused=results.reused,
+        errors=list(results.errors),
+        seconds=seconds,
+        counts={name: math.fsum(counts[name]) for name in sorted(counts)},
+    )
+
+
+def _digest_of_scenes(results: Mapping[str, MethodResults]) -> str:
+    """Return the SHA-256 of the scenes that were solved; "" if none was."""
+    scenes = {
+        result.provenance.scene
+        for of_method in results.values()
+        for result in of_method.results
+    }
+    if not scenes:
+        return ""
+    return hashlib.sha256(" ".join(sorted(scenes)).encode()).hexdigest()
+
+
+def _judge_gate(
+    case: Case, gate: Gate, results: Mapping[str, MethodResults]
+) -> GateVerdict:
+    """Return the verdict on a gate, with the kind of its reference and its subject."""
+    return _judged(case, gate, results).model_copy(
+        update={"kind": kind_of(case, gate), "subject": subject_of(case, gate)}
+    )
+
+
+def _judged(
+    case: Case, gate: Gate, results: Mapping[str, MethodResults]
+) -> GateVerdict:
     needed = [
         m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods
     ]
-    if failed := [sentence for m in needed for sentence in answers[m].errors]:
-        return unjudged(gate, _joined(failed))
+    errors = [sentence for method in needed for sentence in results[method].errors]
+    if errors:
+        return unjudged(gate, _joined(errors))
     for method in needed:
-        if twins := answers[method].twins:
+        equal = results[method].equal_surfaces
+        if equal is not None:
             return unjudged(
                 gate,
-                f"{method} gives the surfaces {' and '.join(twins)} the same answer, so that the "
-                "scatter of the ensemble says nothing; give it different surfaces",
+                f"{method} gives the surfaces {' and '.join(equal)} the same answer, "
+                "so that the scatter of the ensemble says nothing; give it different "
+                "surfaces",
             )
-    of, against = answers[gate.of], answers.get(str(gate.against))
+    of, against = results[gate.of], results.get(str(gate.against))
     try:
         if gate.norm in DISTRIBUTION_NORMS:
             return judge_distance(gate, _distances(case, gate, of, against))
@@ -315,7 +357,7 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
         value = _read(of, gate.quantity)
         paired = against is not None and len(value) > 1 and of.labels == against.labels
         judged = judge(
-            gate, value, _references(case, gate, against), paired, _claim(gate, answers)
+            gate, value, _references(case, gate, against), paired, _claim(gate, results)
         )
         return judged.model_copy(
             update={
@@ -327,11 +369,11 @@ def _judged(case: Case, gate: Gate, answers: Mapping[str, Answer]) -> GateVerdic
         return unjudged(gate, sentence_of(error))
 
 
-def _read(answer: Answer, name: str) -> list[float]:
+def _read(answer: MethodResults, name: str) -> list[float]:
     return [read_quantity(result, name) for result in answer.results]
 
 
-def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
+def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[float]:
     if against is not None:
         return _read(against, gate.quantity)
     if isinstance(gate.against, str):
@@ -341,7 +383,7 @@ def _references(case: Case, gate: Gate, against: Answer | None) -> list[float]:
 
 
 def _claiming(
-    gate: Gate, found: Estimate | None, answer: Answer | None
+    gate: Gate, found: Estimate | None, answer: MethodResults | None
 ) -> Estimate | None:
     """Return the mean of an answer's values with that of the errors which they
     claim.
@@ -357,10 +399,10 @@ def _claiming(
     )
 
 
-def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
+def _claim(gate: Gate, results: Mapping[str, MethodResults]) -> float | None:
     """Return the claimed error that counts in a difference of limits; see `gates`."""
     error = claim_of(gate.quantity)
-    sides = [answers[str(name)] for name in (gate.of, gate.against) if name in answers]
+    sides = [results[str(name)] for name in (gate.of, gate.against) if name in results]
     if not error or (isinstance(gate.against, str) and len(sides) == 1):
         return None
     claims = [
@@ -390,7 +432,7 @@ def _claim(gate: Gate, answers: Mapping[str, Answer]) -> float | None:
     return claim
 
 
-def _counts_points(side: Answer) -> bool:
+def _counts_points(side: MethodResults) -> bool:
     """True if the areas follow from pressures at the surface's points: with boundary
     elements and all solvers from outside their errors are those of one grid, and not
     independent.
@@ -415,7 +457,7 @@ def _joined(sentences: Sequence[str]) -> str:
 
 
 def _distances(
-    case: Case, gate: Gate, of: Answer, against: Answer | None
+    case: Case, gate: Gate, of: MethodResults, against: MethodResults | None
 ) -> list[float]:
     others: list[PressureDistribution | None]
     if against is None:

@@ -1,34 +1,14 @@
-"""The main job: `verify` runs cases, judges their gates and writes the verdict.
-
-It writes verdict.json, and junit.xml for front ends of continuous integration.
-"""
+"""The main job: `verify` solves cases, judges their gates and writes the verdict."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import chain, repeat
-from math import fsum
 from pathlib import Path
 from typing import Any
 
-from junitparser import (
-    Error,
-    Failure,
-    JUnitXml,
-    Properties,
-    Property,
-    Skipped,
-    TestCase,
-    TestSuite,
-)
-
-from epcontact.errors import InvalidCase, OutputError, nearest, printable
-from epcontact.files import atomic_write, output_error, write_json
-from epcontact.harness.answers.run import Run, run_cases
-from epcontact.harness.answers.store import Answer
+from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.case_files.case import (
     SIZES,
     Case,
@@ -37,24 +17,17 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_cases,
 )
-from epcontact.harness.gates import ERROR, FALLS_SHORT
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
-from epcontact.harness.verdict import read_back
-from epcontact.harness.verdict.judgement import (
-    SKIPPED,
-    CaseVerdict,
-    Verdict,
-    judge_case,
-)
+from epcontact.harness.solving.run import solve_cases
+from epcontact.harness.solving.tasks import Run
+from epcontact.harness.verdict.files import delete_verdict, write_verdict
+from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, judge_case
 from epcontact.harness.verdict.made import Made
 from epcontact.scene import as_tuple
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
-EARLIER = "earlier-"  # before the names of the files of an earlier run
+def _ignore(verdict: Verdict | CaseVerdict) -> None:
+    """Do nothing."""
 
 
 def verify(
@@ -63,11 +36,14 @@ def verify(
     *,
     size: str = "fast",
     solver: str = "",
-    finish: Callable[[Verdict], None] = lambda verdict: None,
-    judged: Callable[[CaseVerdict], None] = lambda case: None,
+    finish: Callable[[Verdict], None] = _ignore,
+    judged: Callable[[CaseVerdict], None] = _ignore,
     **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
+
+    Those of an earlier run are deleted first, so that a run that is interrupted leaves
+    no verdict.
 
     Args:
         cases: a name, a path or a loaded case, or several of them; None or empty: the
@@ -78,17 +54,17 @@ def verify(
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
             `harness.methods.foreign`), which replaces the boundary elements in every
             gate, under its own name.
-        finish: called with the verdict while no other run may write into the folder; an
-            error of it withdraws the verdict.
+        finish: called with the verdict after its files are written; if it raises, they
+            are deleted.
         judged: called with each case as soon as all its solves are done.
 
     Returns:
-        The verdict.  `verdict.cases[i].answers` holds the results in memory.
+        The verdict.  `verdict.cases[i].results` holds the results in memory.
 
     Raises:
-        InvalidCase, InvalidScene: if a case or the solver cannot be read, or an option
-        is none. OutputError: if a file cannot be written, or does not say what was
-        judged.
+        InvalidCase, InvalidScene: if a case or the solver cannot be read, or if there
+            is no such option.
+        OutputError: if a file cannot be written.
 
     Example:
         >>> import tempfile
@@ -97,68 +73,64 @@ def verify(
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
-    run, made = replace(run or Run(), **options), Made.here()
-    with only_writer(run.folder):
-        set_verdict_aside(run.folder)
-        loaded, methods = _with_solver(cases, size, solver)
-        found: dict[str, CaseVerdict] = {}
-
-        def done(case: Case, answers: Mapping[str, Answer]) -> None:
-            judged(found.setdefault(case.id, judge_case(case, answers)))
-
-        answers = run_cases(loaded, run, methods, done)
-        for case in loaded:  # such as are skipped have no solve to end
-            if case.id not in found:
-                done(case, answers[case.id])
-        verdict = Verdict.on([found[case.id] for case in loaded], size, made)
-        write_verdict(verdict, run.folder)
-        read_back.require_faithful(run.folder)
-        for name in read_back.FILES:  # there is a new verdict
-            with contextlib.suppress(OSError):
-                (run.folder / f"{EARLIER}{name}").unlink()
-        try:
-            finish(verdict)
-        except (
-            BaseException
-        ):  # the caller ends in an error, and the verdict would not say so
-            read_back.withdraw(run.folder)
-            raise
+    run = replace(run or Run(), **options)
+    made = Made.here()
+    delete_verdict(run.folder)
+    loaded, methods = _load(cases, size, solver)
+    verdicts: dict[str, CaseVerdict] = {}
+    with contextlib.closing(solve_cases(loaded, run, methods)) as solving:
+        for case, results in solving:
+            verdicts[case.id] = judge_case(case, results)
+            judged(verdicts[case.id])
+    verdict = Verdict.on([verdicts[case.id] for case in loaded], size, made)
+    write_verdict(verdict, run.folder)
+    try:
+        finish(verdict)
+    except BaseException:  # the run ends in an error, which the verdict would not say
+        delete_verdict(run.folder)
+        raise
     return verdict
 
 
-def _with_solver(
-    cases: Any, size: str, solver: str
-) -> tuple[list[Case], dict[str, Method]]:
-    """Return loaded cases, with a solver in the place of the boundary elements, and all
-    methods.
+# --- the cases and the methods
+
+
+def _load(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Method]]:
+    """Return the loaded cases, and all methods by their names.
+
+    A `solver` is one of the methods, and takes the place of the boundary elements in
+    the cases.
     """
     methods = dict(METHODS)
-    named = (
-        [cases] if isinstance(cases, Case) else [] if cases is None else as_tuple(cases)
-    )
-    loaded = _loaded(named or cases_to_verify(size), size)
+    if isinstance(cases, Case):
+        cases = [cases]
+    named = () if cases is None else as_tuple(cases)
+    loaded = _load_with_gates(named or cases_to_verify(size), size)
     if solver:
-        stand_in = solver_named(solver)
-        methods[stand_in.name] = stand_in
-        loaded = [_in_place(case, stand_in.name) for case in loaded]
-        if not any(stand_in.name in case.methods for case in loaded):
+        replacement = solver_named(solver)
+        methods[replacement.name] = replacement
+        loaded = [_with_solver(case, replacement.name) for case in loaded]
+        if not any(replacement.name in case.methods for case in loaded):
             why = f"it takes the place of {REPLACED}, which none of the cases names"
             raise InvalidCase(f"--solver {solver} would judge nothing: {why}")
     return loaded, methods
 
 
-def _loaded(cases: Iterable[str | Path | CaseText | Case], size: str) -> list[Case]:
-    named: list[CaseText | Case] = []
+def _load_with_gates(
+    cases: Iterable[str | Path | CaseText | Case], size: str
+) -> list[Case]:
+    """Load cases; each must have a gate, unless it was loaded before."""
+    texts: list[CaseText | Case] = []
     for case in cases:
         if not isinstance(case, str | Path | CaseText | Case):
             raise InvalidCase(
                 f"cases has {case!r:.60}, but must be names, paths or loaded cases"
             )
-        named += find_named(case) if isinstance(case, str | Path) else [case]
-    loaded = load_cases(named, size)
-    for given, one in zip(named, loaded, strict=True):
-        if given is not one:
-            require_gate(one)
+        texts += find_named(case) if isinstance(case, str | Path) else [case]
+    loaded = load_cases(texts, size)
+    for text, case in zip(texts, loaded, strict=True):
+        if text is not case:
+            require_gate(case)
     return loaded
 
 
@@ -191,127 +163,23 @@ def cases_to_verify(size: str) -> list[CaseText]:
     ]
 
 
-def _in_place(case: Case, name: str) -> Case:
-    """Return the case with another method instead of the boundary elements, unless it
-    names it.
+def _with_solver(case: Case, name: str) -> Case:
+    """Return the case with the method `name` in the place of the boundary elements.
+
+    A case that names the method itself stays as it is.
     """
     if name in case.methods:
         return case
 
-    def named(method: Any) -> Any:
+    def renamed(method: Any) -> Any:
         return name if method == REPLACED else method
 
-    gates = (
-        replace(gate, of=named(gate.of), against=named(gate.against))
+    gates = tuple(
+        replace(gate, of=renamed(gate.of), against=renamed(gate.against))
         for gate in case.gates
     )
-    options = {named(m): {} if m == REPLACED else o for m, o in case.options.items()}
-    methods = tuple(map(named, case.methods))
-    return case.changed(methods=methods, options=options, gates=tuple(gates))
-
-
-# --- the files
-# -----------------------------------------------------------------------------------
-
-
-@contextlib.contextmanager
-def only_writer(folder: Path) -> Iterator[None]:
-    """Keep others of this machine out of a folder, which is made, and removed if it
-    stays empty.
-    """
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
-    with contextlib.ExitStack() as stack:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if fcntl is not None:
-                held = os.open(folder, os.O_RDONLY)
-                stack.callback(os.close, held)
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                f"cannot write {folder}: another run is writing its verdict"
-            ) from None
-        except OSError as error:
-            raise output_error("write", folder, error) from None
-        try:
-            yield
-        finally:
-            for place in made:
-                with contextlib.suppress(OSError):  # not empty
-                    place.rmdir()
-
-
-def set_verdict_aside(folder: Path) -> None:
-    """Rename the verdict of an earlier run, which would pass for that of a run that
-    breaks off.  It stays, with `EARLIER` before its name, until there is a new one.
-    """
-    for path in (folder / name for name in read_back.FILES):
-        if (
-            path.is_file()
-        ):  # what else has that name is refused when the file is written
-            try:
-                path.replace(path.with_name(f"{EARLIER}{path.name}"))
-            except OSError as error:
-                raise output_error("rename", path, error) from None
-
-
-def write_verdict(verdict: Verdict, folder: Path) -> None:
-    """Write verdict.json and junit.xml into `folder`, whole or not at all."""
-    digest = {"digest": read_back.digest_of(verdict.content, folder)}
-    write_json(folder / "verdict.json", verdict.content | digest)
-    xml = JUnitXml("epcontact")
-    for case in verdict.cases:
-        suite = _suite(case)
-        if verdict.made:
-            suite.timestamp = verdict.made.date
-        xml.add_testsuite(suite)
-    xml.update_statistics()  # type: ignore[no-untyped-call]
-    with atomic_write(folder / "junit.xml") as path:
-        xml.write(str(path), pretty=True)
-
-
-@contextlib.contextmanager
-def signed_again(folder: Path) -> Iterator[None]:
-    """Sign the verdict of a folder for the answers that are written meanwhile, if it
-    was signed for those before and its figures are those of the new ones.
-    """
-    verdict = None
-    with contextlib.suppress(OutputError):
-        verdict = Verdict.read(folder / "verdict.json")
-    yield
-    if verdict and not read_back.contradictions(verdict.content, folder):
-        write_verdict(verdict, folder)
-
-
-def _suite(case: CaseVerdict) -> TestSuite:
-    suite = TestSuite(case.id)
-    kinds = {ERROR: Error, FALLS_SHORT: Failure}
-    tests: list[tuple[str, Any, str]] = [
-        (gate.name, kinds.get(gate.status), gate.error or str(gate))
-        for gate in case.gates
-    ]
-    tests += [
-        ("a method that no gate reads", Error, words) for words in case.unread_errors
-    ]
-    if case.status == SKIPPED:
-        tests = [(case.requirement, Skipped, case.skipped_because)]
-    # As in pytest, the first gate that reads a method waits for its solves.
-    left = {name: fsum(entry.seconds.values()) for name, entry in case.methods.items()}
-    waits = [
-        fsum(left.pop(str(m), 0.0) for m in (g.of, g.against)) for g in case.gates
-    ] or [0.0]
-    waits[0] += fsum(left.values())
-    for (name, kind, words), wait in zip(
-        tests, chain(waits, repeat(0.0)), strict=False
-    ):
-        # XML has no word for most control characters: names and messages show them as
-        # escapes.
-        test = TestCase(printable(name), classname=case.id, time=wait)
-        test.result = [kind(printable(words))] if kind else []
-        suite.add_testcase(test)
-    for gate, test in zip(case.gates, suite, strict=False):
-        told = Properties()  # type: ignore[no-untyped-call]
-        for name, value in (("reference", gate.kind), ("verifies", gate.subject)):
-            told.append(Property(name, value))  # type: ignore[no-untyped-call]
-        test.append(told)  # type: ignore[no-untyped-call]
-    return suite
+    options = dict(case.options)
+    if options.pop(REPLACED, None) is not None:
+        options[name] = {}
+    methods = tuple(map(renamed, case.methods))
+    return case.changed(methods=methods, options=options, gates=gates)

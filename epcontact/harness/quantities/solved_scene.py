@@ -23,7 +23,7 @@ Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
-class Answered:
+class SolvedScene:
     """A scene and the result of a method with its fields, to measure quantities of."""
 
     scene: Scene
@@ -33,7 +33,7 @@ class Answered:
     def _made(self) -> dict[Any, Any]:
         return {}
 
-    def once(self, make: Callable[[Answered], Made]) -> Made:
+    def once(self, make: Callable[[SolvedScene], Made]) -> Made:
         """Return make(self), which is called once for all quantities that ask for
         it.
         """

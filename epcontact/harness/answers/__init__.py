@@ -1,1 +1,0 @@
-"""Answers: the results of a case, one for each surface and method."""

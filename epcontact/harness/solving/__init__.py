@@ -1,0 +1,1 @@
+"""Cases to results: tasks, their solves, what is measured, and files of results."""

@@ -1,0 +1,329 @@
+"""A load path, solved: each load with its own hardness.
+
+An effective hardness depends on the load.  While a load grows, the capped problem has
+no memory: each load beyond all before it is solved on the surface as it was made, with
+its own hardness.  Smaller loads after it meet what it has left behind, and keep its
+hardness.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.files import step_name, write_collection
+from epcontact.harness.methods.load_by_load import total_cost
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.solving.measure import (
+    QUANTITIES_OF_EACH_LOAD,
+    at_each_load,
+    measure_load,
+)
+from epcontact.harness.solving.scene_description import describe_scene
+from epcontact.harness.solving.tasks import Task
+from epcontact.materials.hardness_map import MappedHardness
+from epcontact.output.vtk import write_fields
+from epcontact.results import Areas, ContactResult, LoadStep
+from epcontact.scene import Load, Scene
+
+#: The unit of each quantity in the field data of a .vti.
+_UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
+#: Relative change of the areas at which a solve with an end of the interval of a
+#: hardness may stop: it gives an error, of which two digits are enough.
+_TOLERANCE_OF_ERROR = 1e-4
+
+#: Called now and then with the fraction of the load path that is solved, and a sentence.
+OnProgress = Callable[[float, str], None]
+
+
+def solve_path(
+    task: Task, scene: Scene, threads: int, on_progress: OnProgress | None = None
+) -> ContactResult:
+    """Solve the load path of a task; measure and write at each load what it asks for.
+
+    Args:
+        task: the method, its options, and what is measured and written.
+        scene: the scene of the task.
+        threads: the number of threads that the method may use.
+        on_progress: see `OnProgress`.
+
+    Raises:
+        InvalidCase, NotConverged, NotEnoughMemory, InvalidScene: from the method.
+    """
+    if task.steps_folder is not None:  # a longer path may have been written there
+        shutil.rmtree(task.steps_folder, ignore_errors=True)
+    flows = task.case.options[task.method.name].get("law") == "j2"
+    mapped = () if flows else task.case.mapped
+    hardnesses = [of_load.value for of_load in mapped]
+    if not mapped:
+        hardnesses = [scene.material.hardness] * len(scene.load.path)
+    result = _solve_with_hardnesses(
+        task, scene, hardnesses, threads, on_progress=on_progress
+    )
+    steps = list(result.steps)
+    if not flows:
+        steps = list(map(_with_hardness, steps, hardnesses))
+    if mapped:
+        steps = _with_hardness_errors(task, scene, mapped, threads, steps)
+    steps = [_with_conductances(step, task.case.conductances) for step in steps]
+    return replace(result, steps=tuple(steps))
+
+
+def _with_hardness(step: LoadStep, hardness: float) -> LoadStep:
+    if math.isinf(hardness):
+        return step
+    return replace(step, quantities={**step.quantities, "hardness": hardness})
+
+
+def _with_conductances(step: LoadStep, factors: dict[str, float]) -> LoadStep:
+    """Return a step with its thermal and electrical conductance and their errors.
+
+    Args:
+        step: has the conductance times the resistivities of both bodies, in 1/m.
+        factors: see `Case.conductances`.
+    """
+    quantities = dict(step.quantities)
+    for kind, factor in factors.items():
+        for name, value in step.quantities.items():
+            if name.startswith("conductance"):
+                quantities[f"{kind}_{name}"] = factor * value
+    return replace(step, quantities=quantities)
+
+
+# --- the error that the uncertainty of an effective hardness causes
+
+
+def _with_hardness_errors(
+    task: Task,
+    scene: Scene,
+    mapped: Sequence[MappedHardness],
+    threads: int,
+    steps: Sequence[LoadStep],
+) -> list[LoadStep]:
+    """Return the steps with the errors that the uncertain hardnesses cause.
+
+    The path is solved with both ends of the 95 % interval of each hardness.  The lower
+    end is at least a little above the largest load so far: no smaller hardness could
+    carry it.
+    """
+    peaks = itertools.accumulate(scene.load.path, max)
+    lowest = [
+        max(of_load.interval[0], 1.001 * peak)
+        for of_load, peak in zip(mapped, peaks, strict=True)
+    ]
+    highest = [of_load.interval[1] for of_load in mapped]
+    without_files = replace(task, steps_folder=None)
+    soft, hard = (
+        _solve_with_hardnesses(without_files, scene, bound, threads, for_error=True)
+        for bound in (lowest, highest)
+    )
+    return list(map(with_hardness_error, steps, soft.steps, hard.steps, mapped))
+
+
+def with_hardness_error(
+    step: LoadStep,
+    at_lowest_hardness: LoadStep,
+    at_highest_hardness: LoadStep,
+    hardness: MappedHardness,
+) -> LoadStep:
+    """Return the load step with the error that the uncertain hardness causes.
+
+    The same load was solved with both ends of the 95 % interval of the hardness.  The
+    error of each area and quantity is half the difference of these two solutions.
+    """
+    kind = "corrected" if "corrected" in step.areas else "raw"
+    lowest = at_lowest_hardness.areas[kind]
+    highest = at_highest_hardness.areas[kind]
+    area_error = Areas(
+        total=abs(lowest.total - highest.total) / 2,
+        elastic=abs(lowest.elastic - highest.elastic) / 2,
+        plastic=abs(lowest.plastic - highest.plastic) / 2,
+    )
+    quantities = dict(step.quantities)
+    quantities["hardness_error_by_map"] = hardness.value * hardness.error
+    low, high = at_lowest_hardness.quantities, at_highest_hardness.quantities
+    measured = (name.removeprefix("quantity.") for name in QUANTITIES_OF_EACH_LOAD)
+    for name in ("mean_gap", *measured):
+        is_value = not name.endswith(".error")
+        if is_value and all(name in known for known in (step.quantities, low, high)):
+            error = abs(low[name] - high[name]) / 2
+            quantities[f"{name}_error_by_hardness"] = error
+    areas = {**step.areas, "hardness_error": area_error}
+    return replace(step, areas=areas, quantities=quantities)
+
+
+# --- solves
+
+
+def _solve_with_hardnesses(
+    task: Task,
+    scene: Scene,
+    hardnesses: Sequence[float],
+    threads: int,
+    *,
+    on_progress: OnProgress | None = None,
+    for_error: bool = False,
+) -> ContactResult:
+    """Solve a path on which each load has its hardness (Pa).
+
+    Loads that follow each other with one hardness are solved together.  `for_error`:
+    the result is used for an error alone, so that a coarse one is enough.
+    """
+    path = scene.load.path
+    steps: list[LoadStep] = []
+    costs = []
+    pairs = zip(hardnesses, path, strict=True)
+    for hardness, group in itertools.groupby(pairs, key=lambda pair: pair[0]):
+        loads = tuple(load for _, load in group)
+        material = replace(scene.material, hardness=hardness)
+        part = replace(scene, material=material, load=Load(loads))
+        if part.load != scene.load and task.method.load_files == "bodies":
+            raise InvalidCase(
+                "hardness is 'effective' and differs from load to load, but fem "
+                "follows a path with one; give one load, a hardness in Pa, or a sweep "
+                "over load.mean_pressure"
+            )
+        result = _solve_part(
+            task,
+            part,
+            threads,
+            earlier=tuple(steps),
+            on_progress=_within(on_progress, len(steps), len(loads), len(path)),
+            for_error=for_error,
+        )
+        steps += result.steps
+        costs.append(result.cost)
+    provenance = replace(result.provenance, scene=scene.digest)
+    cost = total_cost(costs)
+    return replace(result, steps=tuple(steps), provenance=provenance, cost=cost)
+
+
+def _within(
+    on_progress: OnProgress | None, done: int, count: int, total: int
+) -> OnProgress | None:
+    """Return the function that reports the progress of a part of a path.
+
+    Args:
+        on_progress: is called with the fraction of the complete path.
+        done, count, total: numbers of loads before the part, in it, and of the path.
+    """
+    if on_progress is None:
+        return None
+
+    def report(fraction: float, sentence: str) -> None:
+        on_progress((done + fraction * count) / total, sentence)
+
+    return report
+
+
+def _solve_part(
+    task: Task,
+    scene: Scene,
+    threads: int,
+    earlier: tuple[LoadStep, ...],
+    on_progress: OnProgress | None,
+    for_error: bool,
+) -> ContactResult:
+    """Solve loads with one hardness, after those of the steps `earlier`."""
+    method = task.method
+    options = dict(task.case.options[method.name])
+    if for_error and method.name == "bem":
+        options["area_tolerance"] = _TOLERANCE_OF_ERROR
+    if method.load_files == "bodies" and task.steps_folder is not None:
+        options["output"] = task.steps_folder
+    if method.load_files and on_progress is not None:
+        options["progress"] = on_progress
+    if method.source:
+        options["limit"] = task.case.head.time_limit
+    observer = _LoadObserver(task, scene, earlier)
+    on_load = observer if observer.is_needed else None
+    result = method.solve(scene, options, threads, on_load)
+    if not result.converged:
+        raise NotConverged("the result says that it has not converged")
+    return replace(result, steps=observer.add_to(result.steps))
+
+
+@dataclass
+class _LoadObserver:
+    """Measures and writes what a task asks for at each load of a solve.
+
+    Attributes:
+        task: says what is measured and written.
+        scene: the scene that is solved, with the loads of this solve.
+        earlier: the load steps of the path before this solve.
+        steps: the steps with what was measured, one for each call.
+    """
+
+    task: Task
+    scene: Scene
+    earlier: tuple[LoadStep, ...]
+    steps: list[LoadStep] = field(default_factory=list)
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether anything is measured or written at a load."""
+        measured = any(at_each_load(self.task, self.scene))
+        return measured or self.task.steps_folder is not None
+
+    def __call__(self, result: ContactResult) -> None:
+        """Measure and write at the last load of a result, whose fields it has."""
+        loads = self.scene.load.path[: len(result.steps)]
+        scene = replace(self.scene, load=Load(loads))
+        step = measure_load(self.task, scene, result)
+        self.steps.append(step)
+        if self.task.steps_folder and self.task.method.load_files == "fields":
+            steps = (*self.earlier, *result.steps[:-1], step)
+            self._write(scene, replace(result, steps=steps), self.task.steps_folder)
+
+    def _write(self, scene: Scene, result: ContactResult, folder: Path) -> None:
+        number = len(result.steps) - 1
+        result = with_description(self.task, scene, result)
+        write_result_fields(
+            self.task, scene, result, folder / step_name(number, ".vti")
+        )
+        pressures = [step.mean_pressure for step in result.steps]
+        write_collection(folder / "path.pvd", pressures)
+
+    def add_to(self, steps: Sequence[LoadStep]) -> tuple[LoadStep, ...]:
+        """Return the steps that a method reports at the end, with what was measured.
+
+        What the method reports stands.  A method that calls for its last load alone has
+        measured values there alone.
+        """
+        unobserved = len(steps) - len(self.steps)
+        observed = [
+            replace(step, quantities={**measured.quantities, **step.quantities})
+            for step, measured in zip(steps[unobserved:], self.steps, strict=True)
+        ]
+        return (*steps[:unobserved], *observed)
+
+
+# --- files
+
+
+def with_description(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Return a result whose provenance describes the scene that was solved."""
+    about = describe_scene(scene, task.recipe, task.case.hardness_source)
+    about.update(task.case.two_bodies)
+    return replace(result, provenance=replace(result.provenance, about=about))
+
+
+def write_result_fields(
+    task: Task, scene: Scene, result: ContactResult, path: Path
+) -> None:
+    """Write the fields of a result to a .vti file.  Raises OutputError."""
+    attributes: dict[str, Any] = {"case": task.case.id, "size": task.case.size}
+    write_fields(
+        path,
+        result,
+        scene.surface,
+        attributes,
+        precision=task.precision,
+        units=_UNITS,
+    )

@@ -1,0 +1,144 @@
+"""The one place that measures quantities of a solve.
+
+Methods report quantities; the harness measures others on the fields of a load, so that
+no solver checks itself.  The fields of a load exist only while it is the last one that
+was solved, so some quantities are measured at each load.
+
+| what                                    | when         | if it is undefined     |
+|-----------------------------------------|--------------|------------------------|
+| `QUANTITIES_OF_EACH_LOAD`, if the task  | at each load | it is left out, such   |
+| lists its loads and the grid is small   |              | as a layer's conductance |
+| `quantity.measured_*` that gates read,  | at each load; gates read | the task fails |
+| of a method that knows one load at once | the largest of all loads |            |
+| what gates read                         | at the end   | the task fails         |
+| what only a sweep asks for              | at the end   | NaN, and a note        |
+
+A quantity that was measured at each load is not measured again at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.harness.quantities.registry import QUANTITIES, measure_on
+from epcontact.harness.quantities.solved_scene import SolvedScene
+from epcontact.harness.solving.tasks import Task
+from epcontact.results import COLUMNS, ContactResult, LoadStep
+from epcontact.scene import Scene
+
+#: The quantities that the harness measures for a table of loads.
+QUANTITIES_OF_EACH_LOAD = tuple(
+    name
+    for column in COLUMNS
+    for name in (f"quantity.{column}", f"quantity.{column}.error")
+    if name in QUANTITIES and QUANTITIES[name].measure
+)
+#: The largest number of grid points with a table of measured quantities: they take a
+#: linear solve on the contact.
+_LARGEST_GRID = 2**22
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A quantity of a task, by its name in gates, and what happens if it is undefined."""
+
+    name: str
+    if_undefined: Literal["leave out", "NaN and a note", "fail"]
+
+    @property
+    def key(self) -> str:
+        """The name of the quantity in the quantities of a load step."""
+        return self.name.removeprefix("quantity.")
+
+
+def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
+    """Yield what is measured at each load of a task."""
+    if task.method.knows_one_load:
+        for name in task.measured:
+            if _is_check(name):
+                yield Measurement(name, "fail")
+    if task.lists_loads and scene.surface.heights.size <= _LARGEST_GRID:
+        for name in QUANTITIES_OF_EACH_LOAD:
+            yield Measurement(name, "leave out")
+
+
+def at_the_end(task: Task) -> Iterator[Measurement]:
+    """Yield what is measured at the last load of a task, if it is not yet known."""
+    for name in task.measured:
+        asked_by_sweep = name in task.extra_quantities
+        yield Measurement(name, "NaN and a note" if asked_by_sweep else "fail")
+
+
+def _is_check(name: str) -> bool:
+    """Return whether a quantity compares the parts of a result with each other."""
+    return ".measured_" in name
+
+
+def measure_load(task: Task, scene: Scene, result: ContactResult) -> LoadStep:
+    """Return the last step of a result with what is measured at each load.
+
+    Args:
+        task: says what is measured.
+        scene: the scene, with a load path that ends at this load.
+        result: has the fields of this load.
+
+    Raises:
+        InvalidCase: if a check is undefined.
+    """
+    measurements = list(at_each_load(task, scene))
+    solved = SolvedScene(scene, result)
+    quantities = dict(result.final.quantities)
+    for measurement in measurements:
+        try:
+            quantities[measurement.key] = measure_on(solved, measurement.name)
+        except (InvalidCase, NotConverged):
+            if measurement.if_undefined == "fail":
+                raise
+    step = replace(result.final, quantities=quantities)
+    if any(measurement.if_undefined == "leave out" for measurement in measurements):
+        step = step.with_errors(scene.surface.treatment_errors, "treatment")
+    return step
+
+
+def measure_end(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+    """Return a result whose last step has everything that gates and sweeps read.
+
+    Args:
+        task: says what is measured.
+        scene: the scene of the task, with its complete load path.
+        result: the result of the complete path, with the fields of the last load.
+
+    Raises:
+        InvalidCase: if a quantity that a gate reads is undefined.
+    """
+    solved = SolvedScene(scene, result)
+    quantities = dict(result.final.quantities)
+    notes = list(result.notes)
+    for measurement in at_the_end(task):
+        key = measurement.key
+        if key in quantities and _is_check(measurement.name):
+            quantities[key] = _largest(result, key)
+            continue
+        if key in quantities and measurement.name in QUANTITIES_OF_EACH_LOAD:
+            continue
+        try:
+            quantities[key] = measure_on(solved, measurement.name)
+        except InvalidCase as error:
+            if measurement.if_undefined == "fail":
+                raise
+            quantities[key] = math.nan
+            notes.append(f"no value: {error}")
+    final = replace(result.final, quantities=quantities)
+    return replace(result, steps=(*result.steps[:-1], final), notes=tuple(notes))
+
+
+def _largest(result: ContactResult, key: str) -> float:
+    """Return the largest value of a quantity over all load steps; NaN if any is NaN."""
+    values = [step.quantities[key] for step in result.steps]
+    if any(math.isnan(value) for value in values):
+        return math.nan
+    return max(values)

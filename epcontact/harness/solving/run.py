@@ -1,0 +1,367 @@
+"""Cases become results: every task is solved here, in processes, or by an executor.
+
+    for case, results in solve_cases(cases, run):
+        ...  # the results of each method, when the last task of the case is done
+
+Each result is written to disk at once (see `saved`), so that an interrupted run resumes
+where it stopped.  A process does a whole task, so nothing large passes between
+processes.  The workers of an executor need the versions of this machine and, to write
+fields, its output folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import platform
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from epcontact.errors import EpcontactError, InvalidCase, sentence_of
+from epcontact.files import output_error, remove_leftovers, require_writable, write_json
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.methods.registry import METHODS, Method
+from epcontact.harness.solving.load_path import (
+    OnProgress,
+    solve_path,
+    with_description,
+    write_result_fields,
+)
+from epcontact.harness.solving.measure import measure_end
+from epcontact.harness.solving.method_results import MethodResults, summary
+from epcontact.harness.solving.saved import load_saved, save_result, software_versions
+from epcontact.harness.solving.tasks import Run, Task, tasks_of
+from epcontact.harness.workers import (
+    WorkerPool,
+    call_in_process,
+    executor_from,
+    spread,
+)
+from epcontact.machine import available_cores, compile_seconds, compiling
+from epcontact.results import ContactResult
+
+#: The result of a task, or the sentence that says why there is none.
+Outcome = ContactResult | str
+
+#: Seconds after which an alarm comes again that came while a kernel was compiled.
+_LATER = 0.05
+
+
+class TimeUp(EpcontactError):
+    """The time limit of a case has passed.
+
+    It is no NotConverged, after which methods try smaller steps.
+    """
+
+
+@dataclass(frozen=True)
+class FinishedTask:
+    """A task with its outcome; `reused`: the result of an earlier run was saved."""
+
+    task: Task
+    outcome: Outcome
+    reused: bool = False
+
+
+# --- cases
+
+
+def solve_cases(
+    cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
+) -> Generator[tuple[Case, dict[str, MethodResults]]]:
+    """Yield each case with the results of its methods, when all its tasks are done.
+
+    The results of each method are also written to `<method>.json` in the folder of the
+    case.  Skipped cases, which have no tasks, come last.
+
+    Raises:
+        InvalidCase: if two cases have one id, or there is no executor of that name.
+        OutputError: if a result cannot be written.
+    """
+    _require_different_ids(cases)
+    tasks = {case.id: list(tasks_of(case, run, methods)) for case in cases}
+    unfinished = {case_id: len(of_case) for case_id, of_case in tasks.items()}
+    finished: dict[Task, FinishedTask] = {}
+    every_task = [task for of_case in tasks.values() for task in of_case]
+    with contextlib.closing(solve_tasks(every_task, run)) as solving:
+        for done in solving:
+            finished[done.task] = done
+            case = done.task.case
+            unfinished[case.id] -= 1
+            if not unfinished[case.id]:
+                of_case = [finished[task] for task in tasks[case.id]]
+                yield case, collect_results(case, of_case, run.folder)
+    for case in cases:
+        if not tasks[case.id]:
+            yield case, collect_results(case, [], run.folder)
+
+
+def run_cases(
+    cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
+) -> dict[str, dict[str, MethodResults]]:
+    """Return the results of each method for each case, by the ids of the cases."""
+    results = {case.id: of_case for case, of_case in solve_cases(cases, run, methods)}
+    return {case.id: results[case.id] for case in cases}
+
+
+def _require_different_ids(cases: Sequence[Case]) -> None:
+    by_id: dict[str, Case] = {}
+    for case in cases:
+        other = by_id.setdefault(case.id, case)
+        if other is not case:
+            raise InvalidCase(
+                f"{case.path}: case.id is {case.id!r} like that of {other.path}; "
+                "results are kept by id, so run them one after the other into folders "
+                "of their own"
+            )
+
+
+def collect_results(
+    case: Case, finished: Sequence[FinishedTask], output: Path
+) -> dict[str, MethodResults]:
+    """Return the results of each method of a case; write `<method>.json` for each."""
+    collected = {}
+    for name in case.methods:
+        of_method = [done for done in finished if done.task.method.name == name]
+        results, labels, errors = [], [], []
+        for done in of_method:
+            if isinstance(done.outcome, ContactResult):
+                results.append(done.outcome)
+                labels.append(done.task.label)
+            else:
+                errors.append(f"{name}, {done.task.label}: {done.outcome}")
+        reused = sum(done.reused for done in of_method)
+        collected[name] = MethodResults(
+            tuple(results), tuple(labels), tuple(errors), reused
+        )
+        if results:
+            content = summary(case, collected[name])
+            write_json(case.folder(output) / f"{name}.json", content)
+    return collected
+
+
+# --- tasks
+
+
+def solve_tasks(tasks: Sequence[Task], run: Run) -> Generator[FinishedTask]:
+    """Return an iterator over the tasks as they are finished, those saved earlier first.
+
+    Each new result is saved before it is yielded.  Nothing is solved, and nothing is
+    written, before the first one is asked for.
+
+    Raises:
+        InvalidCase: at once, if the executor cannot be created.
+        OutputError: at once, if no file can be written to a folder of a case.
+    """
+    saved = {}
+    if not run.fresh:
+        for task in tasks:
+            result = load_saved(task, run.folder)
+            if result is not None:
+                saved[task] = result
+    unsolved = [task for task in tasks if task not in saved]
+    executor = executor_from(run.executor) if run.executor and unsolved else None
+    for folder in _folders(unsolved, run):
+        require_writable(folder)
+    return _finish_tasks(tasks, saved, unsolved, executor, run)
+
+
+def _folders(tasks: Sequence[Task], run: Run) -> set[Path]:
+    return {task.case.folder(run.folder) for task in tasks}
+
+
+def _finish_tasks(
+    tasks: Sequence[Task],
+    saved: Mapping[Task, ContactResult],
+    unsolved: Sequence[Task],
+    executor: Executor | None,
+    run: Run,
+) -> Generator[FinishedTask]:
+    """Yield all tasks with their outcomes, and report the progress; see `solve_tasks`."""
+    done = 0
+    for task, result in saved.items():
+        done += 1
+        run.progress(done, len(tasks), f"{task.name} (reused)")
+        yield FinishedTask(task, result, reused=True)
+    run.progress(done, len(tasks), "")
+
+    def on_progress(fraction: float, _: str) -> None:
+        run.progress(done + fraction, len(tasks), "")
+
+    if executor is not None:
+        solving = _solve_by_executor(executor, run, unsolved)
+    else:
+        solving = _solve_here(run, unsolved, on_progress)
+    try:
+        with contextlib.closing(solving):
+            for task, outcome in solving:
+                name = task.name
+                if isinstance(outcome, ContactResult):
+                    save_result(task, run.folder, outcome)
+                else:
+                    name += " (failed)"
+                done += 1
+                run.progress(done, len(tasks), name)
+                yield FinishedTask(task, outcome)
+    finally:
+        for folder in _folders(unsolved, run):
+            remove_leftovers(folder)
+
+
+def _solve_here(
+    run: Run, tasks: Sequence[Task], on_progress: OnProgress
+) -> Generator[tuple[Task, Outcome]]:
+    """Yield tasks with their outcomes, solved in this process or in several ones."""
+    jobs = run.jobs_for(tasks)
+    threads = max(1, available_cores() // jobs)
+    if jobs == 1:
+        for task in tasks:
+            yield task, solve_task(task, threads, on_progress)
+        return
+    yield from spread(partial(solve_task, threads=threads), tasks, WorkerPool(jobs))
+
+
+def solve_task(
+    task: Task, threads: int, on_progress: OnProgress | None = None
+) -> Outcome:
+    """Solve one task, and write the files of fields that it asks for.
+
+    Whatever goes wrong becomes a sentence, so that other tasks are solved and judged.
+    """
+    try:
+        with _time_limit(task.case.head.time_limit):
+            scene = task.case.scene(task.recipe)
+            result = solve_path(task, scene, threads, on_progress)
+        result = with_description(task, scene, result)
+        result = measure_end(task, scene, result)
+        if task.fields_file is not None and result.fields:
+            write_result_fields(task, scene, result, task.fields_file)
+        return replace(result, fields={})
+    except Exception as error:
+        logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
+        return sentence_of(error)
+
+
+@contextlib.contextmanager
+def _time_limit(seconds: float) -> Iterator[None]:
+    """Raise TimeUp in the block after so many seconds, without those of compiling.
+
+    The alarm of the system makes it possible, in the main thread and not on Windows; in
+    other places there is no limit.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or not hasattr(signal, "SIGALRM"):
+        yield
+        return
+    compiled = compile_seconds()
+
+    def on_alarm(*_: object) -> None:
+        nonlocal compiled
+        spent_on_compiling = compile_seconds() - compiled
+        if spent_on_compiling > 0 or compiling():
+            compiled += spent_on_compiling
+            signal.setitimer(signal.ITIMER_REAL, max(spent_on_compiling, _LATER))
+            return
+        raise TimeUp(f"not finished within the case's time limit of {seconds:g} s")
+
+    previous = signal.signal(signal.SIGALRM, on_alarm)
+    signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e8))
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, previous)
+
+
+# --- executors
+
+
+def _solve_by_executor(
+    executor: Executor, run: Run, tasks: Sequence[Task]
+) -> Generator[tuple[Task, Outcome]]:
+    """Yield tasks with their outcomes, solved by the workers of an executor.
+
+    Tasks that do not fit into the memory of a worker are not sent.
+    """
+    memory = getattr(executor, "worker_memory", math.inf)
+    if not isinstance(memory, Real):
+        executor.shutdown(wait=False)
+        raise InvalidCase(
+            f"the executor's worker_memory is {memory!r}, but must be in bytes"
+        )
+    sent: dict[Task, Task] = {}
+    too_large: dict[Task, float] = {}
+    for task in tasks:
+        if memory < math.inf and task.memory > memory:
+            too_large[task] = task.memory
+        else:
+            sent[_with_absolute_paths(task)] = task
+    for folder in _folders(tasks, run):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error("write", folder, error) from None
+    solve: Callable[[Task], Any] = partial(
+        solve_on_worker, versions=software_versions(), jobs=run.jobs_for(tasks)
+    )
+    for task, outcome in spread(solve, list(sent), executor):
+        if isinstance(outcome, Outcome):
+            yield sent[task], outcome
+        else:
+            sentence = f"the executor returned {outcome!r:.60}, "
+            yield sent[task], f"{sentence}not what the task returns"
+    for task, needed in too_large.items():
+        yield (
+            task,
+            f"it needs about {needed / 2**30:.1f} GiB, but the largest worker has "
+            f"{memory / 2**30:.1f} GiB",
+        )
+
+
+def _with_absolute_paths(task: Task) -> Task:
+    """Return the task with paths that hold in the folder of a worker, too."""
+    fields, steps = task.fields_file, task.steps_folder
+    return replace(
+        task,
+        fields_file=fields and fields.absolute(),
+        steps_folder=steps and steps.absolute(),
+    )
+
+
+def solve_on_worker(task: Task, versions: Mapping[str, str], jobs: int) -> Outcome:
+    """Solve a task on a worker of an executor.
+
+    Args:
+        task: the task, with absolute paths.
+        versions: the software versions of the sender, which the worker needs as well.
+        jobs: how many solves share the cores of the worker.
+    """
+    host = platform.node()
+    mine = software_versions()
+    different = [name for name in versions if mine.get(name) != versions[name]]
+    if different:
+        listed = ", ".join(
+            f"{name} {mine.get(name)} in the place of {versions[name]}"
+            for name in different
+        )
+        return f"the worker on {host} has {listed}; install the same there"
+    if task.fields_file is not None and not task.fields_file.parent.is_dir():
+        return (
+            f"the worker on {host} does not see the folder {task.fields_file.parent}; "
+            "to write fields, workers need the output folder of the sender"
+        )
+    cores = os.environ.get("OMP_NUM_THREADS", "")  # schedulers give fewer cores by it
+    usable = int(cores) if cores.isdecimal() and int(cores) else available_cores()
+    threads = max(1, usable // jobs)
+    if threading.current_thread() is threading.main_thread():
+        return solve_task(task, threads)
+    return call_in_process(solve_task, task, threads)  # only a process keeps the limit

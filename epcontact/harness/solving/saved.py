@@ -1,0 +1,175 @@
+"""Results of tasks on disk: one file for each, which a later run finds by its key.
+
+`<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key
+(scene, size, options, and the sources and libraries of all solvers), a digest of this
+content, and the hash of the fields written with it.  A task of the same key is not run
+again if the content has that digest and the fields it asks for have that hash.  A
+solver from outside the package always runs, because its sources are not known here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import to_json
+
+from epcontact.files import write_json
+from epcontact.harness.solving.tasks import Task
+from epcontact.results import ContactResult, package_versions
+
+#: Rooms of the package that show results or ask for them.  An edit there keeps saved
+#: results valid, unless it is in one of `_SOLVING`, which changes numbers.
+_SHOWING = {"cli", "planning", "studies", "output", "harness"}
+_SOLVING = (
+    "output/vtk.py",
+    "harness/methods",
+    "harness/quantities",
+    "harness/solving",
+)
+_LIBRARIES = ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem")
+
+
+@functools.cache
+def sources_digest(package: Path = Path(__file__).parents[2]) -> str:
+    """Return the SHA-256 of the source files that can change the numbers of a result.
+
+    Args:
+        package: the folder of the package epcontact; fem_check is beside it.
+    """
+    rooms = {path for path in package.iterdir() if path.name not in _SHOWING}
+    rooms.add(package.parent / "fem_check")
+    rooms.update(package / name for name in _SOLVING)
+    digest = hashlib.sha256()
+    for room in sorted(rooms):
+        files = [room] if room.suffix == ".py" else sorted(room.rglob("*.py"))
+        for file in files:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def software_versions() -> dict[str, str]:
+    """Return what can change the numbers of a result, by name: the digest of the
+    sources, and the versions of the numerical libraries.
+    """
+    versions = package_versions()
+    libraries = {name: versions[name] for name in _LIBRARIES}
+    return {"sources": sources_digest(), **libraries}
+
+
+def key_of(task: Task) -> str:
+    """Return the SHA-256 of everything that the result of a task depends on."""
+    content = {
+        "scene": task.case.digest(task.recipe),
+        "size": task.case.size,
+        "method": task.method.name,
+        "options": repr(sorted(task.case.options[task.method.name].items())),
+        "mapped": repr((task.case.mapped, task.case.conductances)),
+        "basis": software_versions(),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def save_result(task: Task, output: Path, result: ContactResult) -> None:
+    """Write the result of a task to its file, whole or not at all.
+
+    Fields that belong to another, earlier result of the task are removed: a reader
+    would take them for those of this result.  Raises OutputError if the file cannot be
+    written.
+    """
+    about: dict[str, Any] = {
+        "case": task.case.id,
+        "size": task.case.size,
+        "key": key_of(task),
+        "fields_digest": _file_digest(task.fields_file),
+        "steps_kept": task.steps_folder is not None,
+        "precision": task.precision,
+        "measured": task.measured,
+        "rows": task.lists_loads,
+    }
+    earlier = read_saved(task.result_path(output))
+    same = earlier.get("key") == about["key"]
+    if task.fields_file is None and same:
+        about["fields_digest"] = earlier.get("fields_digest")
+        about["precision"] = earlier.get("precision")
+    elif task.fields_file is None:
+        with contextlib.suppress(OSError):
+            task.fields_path(output).unlink()
+    if task.steps_folder is None and same:
+        about["steps_kept"] = bool(earlier.get("steps_kept"))
+    elif task.steps_folder is None:
+        shutil.rmtree(task.steps_path(output), ignore_errors=True)
+    content = about | result.to_json()
+    digest = {"digest": _content_digest(content)}
+    write_json(task.result_path(output), digest | content)
+
+
+def load_saved(task: Task, output: Path) -> ContactResult | None:
+    """Return the saved result of a task.
+
+    Returns None if there is none, if it or its files were changed, or if it lacks
+    something that the task asks for.
+    """
+    if task.method.foreign:
+        return None
+    content = read_saved(task.result_path(output))
+    if content.get("key") != key_of(task):
+        return None
+    if not (_has_measured(content, task) and _has_files(content, task, output)):
+        return None
+    try:
+        return ContactResult.from_json(content)
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _has_measured(content: dict[str, Any], task: Task) -> bool:
+    """Return whether everything is measured that the task asks for."""
+    has_rows = content.get("rows", False) or not task.lists_loads
+    return has_rows and set(task.measured) <= set(content.get("measured", ()))
+
+
+def _has_files(content: dict[str, Any], task: Task, output: Path) -> bool:
+    """Return whether the files of fields are there that the task asks for."""
+    if task.fields_file is not None:
+        precise = content.get("precision") in (task.precision, "double")
+        digest = content.get("fields_digest")
+        if not precise or digest != _file_digest(task.fields_file):
+            return False
+    if task.steps_folder is not None:
+        collection = task.steps_path(output) / "path.pvd"
+        return content.get("steps_kept") is True and collection.is_file()
+    return True
+
+
+def read_saved(path: Path) -> dict[str, Any]:
+    """Return the content of a file that `save_result` wrote, without its digest.
+
+    Returns an empty dictionary if there is no such file, or if it was changed.
+    """
+    try:
+        content = json.loads(path.read_bytes())
+        digest = content.pop("digest")
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return {}
+    return content if digest == _content_digest(content) else {}
+
+
+def _content_digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(to_json(content)).hexdigest()
+
+
+def _file_digest(path: Path | None) -> str | None:
+    """Return the SHA-256 of a file: "" if it cannot be read, None without a path."""
+    if path is None:
+        return None
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
