@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Strict, ValidationInfo
+from pydantic import BeforeValidator, Strict, StrictFloat, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
@@ -28,7 +28,6 @@ from epcontact.scene import (
 from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
-    Real,
     Recipe,
     SurfaceAbsent,
     checked_grid,
@@ -127,12 +126,13 @@ class HeightsFromFile(Preparation):
         ),
     ] = ()
     unit: Annotated[
-        Real | None,
+        StrictFloat | None,
         entry("m", "of the heights, 1e-6 for µm; unless the file gives it", gt=0),
     ] = None
     treatment: EdgeField | None = None
     pixel_size: Annotated[
-        Real | None, entry("m", "spacing of the grid, in the place of period", gt=0)
+        StrictFloat | None,
+        entry("m", "spacing of the grid, in the place of period", gt=0),
     ] = None
     optional: Annotated[
         bool,

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal
 import ducc0
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, StrictFloat, StrictInt
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
@@ -38,9 +38,7 @@ from epcontact.surfaces.recipe import (
     Fields,
     Generated,
     Periods,
-    Real,
     Shape,
-    Whole,
     entry,
     sequence,
 )
@@ -126,7 +124,7 @@ class SelfAffine(Generated):
     def _heights(self) -> FloatArray:
         return _line(self) if len(self.shape) == 1 else grid_heights(self)
 
-    def _known(self) -> dict[str, Any]:
+    def _about(self) -> dict[str, Any]:
         shortest = 2 * math.pi / self.spectrum.wavenumber_high
         return {
             "spectrum": self.spectrum,
@@ -152,20 +150,20 @@ class SelfAffineEnsemble(Fields):
     """
 
     periods: Periods
-    hurst: Annotated[Real, entry("", "Hurst exponent, 0 to 1", ge=0, le=1)]
-    wavenumber_low: Annotated[Real, entry("rad/m", "no roughness below", gt=0)]
+    hurst: Annotated[StrictFloat, entry("", "Hurst exponent, 0 to 1", ge=0, le=1)]
+    wavenumber_low: Annotated[StrictFloat, entry("rad/m", "no roughness below", gt=0)]
     wavenumber_roll_off: Annotated[
-        Real, entry("rad/m", "flat spectrum below, power law above", gt=0)
+        StrictFloat, entry("rad/m", "flat spectrum below, power law above", gt=0)
     ]
-    wavenumber_high: Annotated[Real, entry("rad/m", "no roughness above", gt=0)]
-    rms_slope: Annotated[Real, entry("m/m", "exact on the grid", gt=0)]
+    wavenumber_high: Annotated[StrictFloat, entry("rad/m", "no roughness above", gt=0)]
+    rms_slope: Annotated[StrictFloat, entry("m/m", "exact on the grid", gt=0)]
     points_per_shortest_wavelength: Annotated[
-        Whole | None,
+        StrictInt | None,
         entry("", "grid points per 2 pi / wavenumber_high; or give shape", ge=3),
     ] = None
     shape: Shape | None = None
     seeds: Annotated[
-        tuple[Annotated[Whole, Field(ge=0)], ...],
+        tuple[Annotated[StrictInt, Field(ge=0)], ...],
         sequence(int),
         entry("", "one random surface each; gates read their mean", min_length=1),
     ]

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import StrictFloat, StrictInt
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
@@ -24,9 +25,7 @@ from epcontact.scene import as_tuple, number, set_frozen
 from epcontact.surfaces.recipe import (
     Generated,
     Periods,
-    Real,
     Shape,
-    Whole,
     entry,
     sequence,
 )
@@ -36,7 +35,7 @@ from epcontact.surfaces.recipe import (
 _ON_THE_RIM = 1e-9
 
 _Centre = Annotated[
-    tuple[Real, ...],
+    tuple[StrictFloat, ...],
     sequence(float),
     entry("", "as fractions of the periods; the middle where it is not given"),
 ]
@@ -62,8 +61,10 @@ class Sinusoid(Generated):
     formula = "sinusoid/1"
     periods: Periods
     shape: Shape
-    amplitude: Annotated[Real, entry("m", "from the mean plane to a crest", gt=0)]
-    waves: Annotated[Whole, entry("", "whole waves in a period", ge=1)] = 1
+    amplitude: Annotated[
+        StrictFloat, entry("m", "from the mean plane to a crest", gt=0)
+    ]
+    waves: Annotated[StrictInt, entry("", "whole waves in a period", ge=1)] = 1
     direction: Annotated[
         Literal["x", "y", "both"],
         entry("", "waves along one direction, or the product of both"),
@@ -96,7 +97,7 @@ class Sinusoid(Generated):
             waves[axis] = np.cos(2 * math.pi * ((self.waves * np.arange(n)) % n / n))
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
-    def _known(self) -> dict[str, Any]:
+    def _about(self) -> dict[str, Any]:
         return {
             "shortest_wavelength": min(self.periods[a] for a in self._axes) / self.waves
         }
@@ -117,7 +118,9 @@ class _Centred(Generated):
 class _Round(_Centred):
     periods: Periods
     shape: Shape
-    radius: Annotated[Real, entry("m", "radius of curvature at the summit", gt=0)]
+    radius: Annotated[
+        StrictFloat, entry("m", "radius of curvature at the summit", gt=0)
+    ]
     centre: _Centre = ()
 
 
@@ -179,9 +182,9 @@ class FlatPunch(_Centred):
     formula = "flat_punch/1"
     periods: Periods
     shape: Shape
-    radius: Annotated[Real, entry("m", "radius, or half-width of a strip", gt=0)]
+    radius: Annotated[StrictFloat, entry("m", "radius, or half-width of a strip", gt=0)]
     depth: Annotated[
-        Real, entry("m", "height of the post over what surrounds it", gt=0)
+        StrictFloat, entry("m", "height of the post over what surrounds it", gt=0)
     ]
     centre: _Centre = ()
     kind: Literal["flat_punch"] = field(default="flat_punch", kw_only=True)

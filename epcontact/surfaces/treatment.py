@@ -29,6 +29,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import StrictFloat
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
@@ -41,7 +42,7 @@ from epcontact.scene import (
     warn_user,
 )
 from epcontact.surfaces.power_spectrum import band_pass, inner_moments, surface_moments
-from epcontact.surfaces.recipe import Fields, Real, entry
+from epcontact.surfaces.recipe import Fields, entry
 
 Treatment = Literal["mirrored", "periodic", "refuse"]
 EdgeField = Annotated[
@@ -122,10 +123,10 @@ class Preparation(Fields):
         ),
     ] = None
     longest_wavelength: Annotated[
-        Real | None, entry("m", "longer waves are removed", gt=0)
+        StrictFloat | None, entry("m", "longer waves are removed", gt=0)
     ] = None
     shortest_wavelength: Annotated[
-        Real | None, entry("m", "shorter waves are removed", gt=0)
+        StrictFloat | None, entry("m", "shorter waves are removed", gt=0)
     ] = None
 
     def __post_init__(self: Any) -> None:

@@ -22,6 +22,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainValidator,
+    StrictFloat,
     ValidationError,
     ValidationInfo,
     WrapValidator,
@@ -48,7 +49,6 @@ from epcontact.reference import CLOSED_FORMS
 from epcontact.results import CONDUCTING
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
 from epcontact.surfaces.power_spectrum import inner_moments
-from epcontact.surfaces.recipe import Real
 
 Size = Literal["fast", "full", "large"]
 
@@ -136,8 +136,8 @@ class CounterfaceTable(Table):
 
     model_config = ConfigDict(strict=False)  # as that of Case
 
-    young_modulus: Real = key("Pa")
-    poisson_ratio: Real = key("between -1 and 0.5")
+    young_modulus: StrictFloat = key("Pa")
+    poisson_ratio: StrictFloat = key("between -1 and 0.5")
     surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind")] | None = key(
         "a second rough surface, with the keys of [surface] and heights out of its own body",
         None,
