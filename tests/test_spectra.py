@@ -20,7 +20,7 @@ from epcontact.surfaces.power_spectrum import (
     surface_moments,
     topography,
 )
-from epcontact.surfaces.spectrum import density, spectral_moment, truncated
+from epcontact.surfaces.spectrum import density, spectral_moment, truncate
 
 # The heights are about as large as the period, which changes nothing of what is tested
 # here.
@@ -91,10 +91,10 @@ def test_density_is_flat_then_a_power_and_nothing_outside():
 def test_truncation_keeps_the_density(dimension):
     for cut in (6e4, 1e5, 3e6, 1e8):
         q = np.geomspace(2.5e4, min(cut, 64e5), 20)
-        narrow = density(truncated(PAPER, cut, dimension), q, dimension)
+        narrow = density(truncate(PAPER, cut, dimension), q, dimension)
         assert_allclose(narrow, density(PAPER, q, dimension), rtol=1e-13)
     with pytest.raises(InvalidScene, match="leaves nothing"):
-        truncated(PAPER, 2.5e4)
+        truncate(PAPER, 2.5e4)
 
 
 # Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.

@@ -1,22 +1,22 @@
-"""Self-affine surfaces by random phases: one recipe, and the table of a case file that
-makes many.
+"""Self-affine surfaces by random phases.
 
-The height is the band-limited real field
+`SelfAffine` is the recipe of one surface, `SelfAffineEnsemble` the table of a case file
+for several surfaces of one spectrum.  The height is the band-limited real field
 
     h(x) = sum_q B(q) exp(i (q.x + phi_q)),   phi_-q = -phi_q,
 
 over all modes of the period with q_0 <= |q| <= q_1; on a line B(q) = sqrt(pi C1(q) /
 L).
 
-phi_q depends only on the seed and the mode's two integers (a counter-based generator: a
-64-bit mixer over mode and seed).  So a finer grid samples the same surface, and a wider
-band only adds roughness to it (up to the factor that keeps the rms slope).
+phi_q depends only on the seed and the two integers of the mode: a counter-based
+generator mixes their 64 bits.  A finer grid therefore samples the same surface, and a
+wider band only adds roughness to it (up to the factor that keeps the rms slope).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import ducc0
@@ -45,7 +45,7 @@ from epcontact.surfaces.recipe import (
 from epcontact.surfaces.spectrum import BAND_TOLERANCE, amplitude_shape
 
 #: Number of modes handled at once, which limits temporary arrays to a few MiB.
-_BLOCK = 1 << 16
+_BLOCK = 2**16
 
 
 def grid_shape(
@@ -53,7 +53,7 @@ def grid_shape(
     periods: tuple[float, ...],
     points_per_shortest_wavelength: float,
 ) -> tuple[int, ...]:
-    """Return the grid with a given number of points per shortest wavelength 2 pi / q_1.
+    """Return the grid shape with so many points per shortest wavelength 2 pi / q_1.
 
     Args:
         spectrum: the spectrum, whose `wavenumber_high` is q_1.
@@ -88,8 +88,8 @@ def grid_shape(
 class SelfAffine(Generated):
     """Self-affine roughness by random phases, with the exact rms slope on the grid.
 
-    The grid needs more than two points per shortest wavelength: at two, a mode's phase
-        is lost.
+    The grid needs more than two points per shortest wavelength; at two, the phase of a
+    mode is lost.
 
     Example:
         >>> spectrum = SelfAffineSpectrum(0.8, 1.0, 4.0, 8.0, rms_slope=0.5)
@@ -107,12 +107,14 @@ class SelfAffine(Generated):
     def __post_init__(self) -> None:
         require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         super().__post_init__()
-        q0, q1 = self.spectrum.wavenumber_low, self.spectrum.wavenumber_high
+        q0 = self.spectrum.wavenumber_low
+        q1 = self.spectrum.wavenumber_high
         for period, points in zip(self.periods, self.shape, strict=True):
             if 2 * math.pi / period > q0 * (1 + BAND_TOLERANCE):
                 raise InvalidScene(
                     f"a period of {period:g} m holds no wave longer than itself, but "
-                    f"wavenumber_low = {q0:g} rad/m needs at least {2 * math.pi / q0:g} m"
+                    f"wavenumber_low = {q0:g} rad/m needs at least "
+                    f"{2 * math.pi / q0:g} m"
                 )
             needed = 2 * _highest_index(q1, period) + 1
             if points < needed:
@@ -122,7 +124,9 @@ class SelfAffine(Generated):
                 )
 
     def _heights(self) -> FloatArray:
-        return _line(self) if len(self.shape) == 1 else grid_heights(self)
+        if len(self.shape) == 1:
+            return _line_heights(self)
+        return grid_heights(self)
 
     def _about(self) -> dict[str, Any]:
         shortest = 2 * math.pi / self.spectrum.wavenumber_high
@@ -135,16 +139,17 @@ class SelfAffine(Generated):
 
 @dataclass(frozen=True, kw_only=True)
 class SelfAffineEnsemble(Fields):
-    """Several surfaces of one self-affine spectrum: the table [surface] of kind
-    self_affine.
+    """Several surfaces of one self-affine spectrum, which differ in their seeds.
 
-    Either `shape` or `points_per_shortest_wavelength` gives the grid.  A single period
-    is used for both directions of a surface; a line must give its shape.
+    This is the table [surface] of kind self_affine.  Either `shape` or
+    `points_per_shortest_wavelength` gives the grid.  A single period is used for both
+    directions of a surface; a line must give its shape.
 
     Example:
         >>> ensemble = SelfAffineEnsemble(
-        ...     periods=(2 * math.pi,), hurst=0.8, wavenumber_low=1.0, wavenumber_roll_off=4.0,
-        ...     wavenumber_high=8.0, rms_slope=0.5, shape=(32, 32), seeds=(1, 2, 3))
+        ...     periods=(2 * math.pi,), shape=(32, 32), hurst=0.8, rms_slope=0.5,
+        ...     wavenumber_low=1.0, wavenumber_roll_off=4.0, wavenumber_high=8.0,
+        ...     seeds=(1, 2, 3))
         >>> [recipe.seed for recipe in ensemble.recipes()]
         [1, 2, 3]
     """
@@ -180,37 +185,46 @@ class SelfAffineEnsemble(Fields):
 
     def recipes(self) -> tuple[SelfAffine, ...]:
         """Return one recipe for each seed."""
-        names = [f.name for f in fields(SelfAffineSpectrum)]
-        spectrum = SelfAffineSpectrum(*(getattr(self, name) for name in names))
-        periods, shape = self.periods, self.shape
+        spectrum = SelfAffineSpectrum(
+            self.hurst,
+            self.wavenumber_low,
+            self.wavenumber_roll_off,
+            self.wavenumber_high,
+            self.rms_slope,
+        )
+        periods = self.periods
+        shape = self.shape
         if shape is None:
-            periods = periods * 2 if len(periods) == 1 else periods
+            if len(periods) == 1:
+                periods = periods * 2
             points: Any = self.points_per_shortest_wavelength
             shape = grid_shape(spectrum, periods, points)
         return tuple(SelfAffine(spectrum, periods, shape, seed) for seed in self.seeds)
 
 
-# --- heights
-# -------------------------------------------------------------------------------------
+# --- heights --------------------------------------------------------------------------
 
 
 def _highest_index(wavenumber: float, period: float) -> int:
-    """Return the largest k with 2 pi k / period <= wavenumber."""
+    """Return the largest k with 2 pi k / period <= wavenumber, up to BAND_TOLERANCE."""
     return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
 
 
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
-    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), broadcast; |k| < 2^31.
-    The mixer is the finaliser of SplitMix64 (Steele, Lea and Flood 2014).
+    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), which are broadcast.
+
+    The absolute values of kx and ky must be below 2^31.
     """
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
-    low = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
-    word = (kx.astype(np.uint64) << np.uint64(32)) | low
-    word = _mixed(_mixed(word) ^ key)
+    low_bits = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
+    word = (kx.astype(np.uint64) << np.uint64(32)) | low_bits
+    word = _mix(_mix(word) ^ key)
+    # The upper 53 bits are all that a float can hold.
     return (word >> np.uint64(11)).astype(np.float64) * (2 * math.pi * 2.0**-53)
 
 
-def _mixed(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _mix(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return the finaliser of SplitMix64 (Steele, Lea and Flood 2014) of each word."""
     word = word + np.uint64(0x9E3779B97F4A7C15)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1)):
         word ^= word >> np.uint64(shift)
@@ -218,12 +232,15 @@ def _mixed(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return word
 
 
-def _line(recipe: SelfAffine) -> FloatArray:
-    (n,), (period,) = recipe.shape, recipe.periods
-    k = np.arange(1, _highest_index(recipe.spectrum.wavenumber_high, period) + 1)
+def _line_heights(recipe: SelfAffine) -> FloatArray:
+    """Return the heights (nx,) of the recipe of a line, in m."""
+    (n,) = recipe.shape
+    (period,) = recipe.periods
+    spectrum = recipe.spectrum
+    k = np.arange(1, _highest_index(spectrum.wavenumber_high, period) + 1)
     q = 2 * math.pi / period * k
-    amplitude = amplitude_shape(recipe.spectrum, q, dimension=1)
-    scale = recipe.spectrum.rms_slope / math.sqrt(2 * np.sum((q * amplitude) ** 2))
+    amplitude = amplitude_shape(spectrum, q, dimension=1)
+    scale = spectrum.rms_slope / math.sqrt(2 * np.sum((q * amplitude) ** 2))
     phases = _phases(recipe.seed, k, np.zeros_like(k))
     modes = np.zeros(n // 2 + 1, np.complex128)
     modes[1 : k.size + 1] = scale * amplitude * np.exp(1j * phases)
@@ -231,7 +248,7 @@ def _line(recipe: SelfAffine) -> FloatArray:
 
 
 def grid_heights(recipe: SelfAffine) -> FloatArray:
-    """Return the heights (nx, ny) of a recipe in m."""
+    """Return the heights (nx, ny) of the recipe of a surface, in m."""
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
@@ -241,38 +258,42 @@ def grid_heights(recipe: SelfAffine) -> FloatArray:
     filled = modes[:, :columns]
     filled *= recipe.spectrum.rms_slope / math.sqrt(slope_variance)
     ducc0.fft.c2c(filled, axes=(0,), forward=False, out=filled)
-    heights = np.empty(
-        (nx, ny)
-    )  # an array made by the FFT library would be copied later
+    # An array that the FFT library allocates itself would be copied later.
+    heights = np.empty((nx, ny))
     ducc0.fft.c2r(modes, (1,), ny, forward=False, out=heights)
     return heights
 
 
 def _fill_modes(recipe: SelfAffine, modes: NDArray[np.complex128]) -> float:
-    """Fill in the modes of equation (7) of the paper; return the sum of q^2 f over all
-    of them.
+    """Write the modes of equation (7) of the paper into an array of zeros.
 
     The amplitudes are equation (8) of the paper: B(q) = (2 pi / sqrt(Lx Ly))
-    sqrt(C(q)), C = C_0 f. This function writes sqrt(f) exp(i phi) into the half plane
-    ky >= 0.  The caller sets the common factor from the returned sum, so that the rms
-    slope of the *grid*, sqrt(sum q^2 B^2), is exact.
+    sqrt(C(q)), C = C_0 f.  This function writes sqrt(f) exp(i phi) into the half plane
+    ky >= 0 and returns the sum of q^2 f over all modes of the plane, in 1/m^2.  The
+    caller sets the common factor from this sum, so that the rms slope of the *grid*,
+    sqrt(sum q^2 B^2), is exact.
+
+    Args:
+        recipe: of a surface.
+        modes: (nx, ny // 2 + 1), as of a real transform of (nx, ny) heights.
     """
-    qx, qy = (2 * math.pi / p for p in recipe.periods)
+    spectrum = recipe.spectrum
+    qx, qy = (2 * math.pi / period for period in recipe.periods)
     kx_max, ky_max = (
-        _highest_index(recipe.spectrum.wavenumber_high, p) for p in recipe.periods
+        _highest_index(spectrum.wavenumber_high, period) for period in recipe.periods
     )
     ky = np.arange(ky_max + 1)[None, :]
-    paired = np.where(ky == 0, 1.0, 2.0)  # columns ky > 0 count twice: for -ky, too
+    multiplicity = np.where(ky == 0, 1.0, 2.0)  # a mode of ky > 0 stands for -ky, too
     slope_variance = 0.0
     rows = max(1, _BLOCK // (ky_max + 1))
     for first in range(-kx_max, kx_max + 1, rows):
         kx = np.arange(first, min(first + rows, kx_max + 1))[:, None]
         q = np.hypot(qx * kx, qy * ky)
-        amplitude = amplitude_shape(recipe.spectrum, q, dimension=2)
-        slope_variance += float(np.sum(paired * (q * amplitude) ** 2))
+        amplitude = amplitude_shape(spectrum, q, dimension=2)
+        slope_variance += float(np.sum(multiplicity * (q * amplitude) ** 2))
         # In the first column, the mode with kx > 0 sets the phase of its opposite mode.
-        mirrored = (ky == 0) & (kx < 0)
-        phase = _phases(recipe.seed, np.where(mirrored, -kx, kx), ky)
-        phase = np.where(mirrored, -phase, phase)
+        opposite = (ky == 0) & (kx < 0)
+        phase = _phases(recipe.seed, np.where(opposite, -kx, kx), ky)
+        phase = np.where(opposite, -phase, phase)
         modes[kx[:, 0] % modes.shape[0], : ky_max + 1] = amplitude * np.exp(1j * phase)
     return slope_variance

@@ -3,8 +3,8 @@ punch.
 
 Grid point i along a direction is at x = i L / n.  Heights are measured upward and the
 rigid flat comes from above, so each shape touches first at its summit.  Only the
-sinusoids are band-limited. The others have kinks or walls, so their area converges with
-the grid spacing.
+sinusoids are band-limited.  The others have kinks or walls, and their contact areas
+depend on the grid spacing until it is small.
 
 To add a shape, write a frozen dataclass like these with its own `kind` and `formula`,
 and add its name to the union `CaseSurface` of `epcontact.surfaces`.
@@ -30,8 +30,8 @@ from epcontact.surfaces.recipe import (
     sequence,
 )
 
-#: Relative rounding of r^2; without it a rim through grid points would lose some of
-#: them.
+#: Relative rounding error of r^2 that is allowed for grid points on a rim.  Without it
+#: some of them would count as outside.
 _ON_THE_RIM = 1e-9
 
 _Centre = Annotated[
@@ -53,7 +53,8 @@ class Sinusoid(Generated):
     more than two grid points.
 
     Example:
-        >>> surface = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both").build()
+        >>> recipe = Sinusoid((1e-3, 1e-3), (8, 8), amplitude=1e-6, direction="both")
+        >>> surface = recipe.build()
         >>> surface.shape, float(surface.heights[0, 0]), surface.shortest_wavelength
         ((8, 8), 1e-06, 0.001)
     """
@@ -80,12 +81,13 @@ class Sinusoid(Generated):
         for axis in self._axes:
             if self.shape[axis] <= 2 * self.waves:
                 raise InvalidScene(
-                    f"{self.shape[axis]} grid points do not resolve waves = {self.waves}, which "
-                    f"needs at least {2 * self.waves + 1}"
+                    f"{self.shape[axis]} grid points do not resolve waves = "
+                    f"{self.waves}, which needs at least {2 * self.waves + 1}"
                 )
 
     @property
     def _axes(self) -> tuple[int, ...]:
+        """The axes along which there are waves."""
         return {"x": (0,), "y": (1,), "both": (0, 1)}[self.direction]
 
     def _heights(self) -> FloatArray:
@@ -98,24 +100,27 @@ class Sinusoid(Generated):
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _about(self) -> dict[str, Any]:
-        return {
-            "shortest_wavelength": min(self.periods[a] for a in self._axes) / self.waves
-        }
+        shortest_period = min(self.periods[axis] for axis in self._axes)
+        return {"shortest_wavelength": shortest_period / self.waves}
 
 
 class _Centred(Generated):
+    """The base of shapes about a `centre`, by default the middle of the period."""
+
     def __post_init__(self: Any) -> None:
         super().__post_init__()
         centre = as_tuple(self.centre) or (0.5,) * len(self.shape)
-        right = f"{len(self.shape)} fractions of the period"
+        expected = f"{len(self.shape)} fractions of the period"
         if len(centre) != len(self.shape):
-            raise InvalidScene(f"centre is {self.centre!r}, but must be {right}")
-        shares = [number("centre", c, right, math.isfinite) for c in centre]
-        set_frozen(self, centre=tuple(c % 1.0 for c in shares))
+            raise InvalidScene(f"centre is {self.centre!r}, but must be {expected}")
+        fractions = [number("centre", c, expected, math.isfinite) for c in centre]
+        set_frozen(self, centre=tuple(c % 1.0 for c in fractions))
 
 
 @dataclass(frozen=True)
 class _Round(_Centred):
+    """The fields of shapes with a round summit."""
+
     periods: Periods
     shape: Shape
     radius: Annotated[
@@ -195,7 +200,11 @@ class FlatPunch(_Centred):
 
 
 def squared_distance(recipe: Any) -> FloatArray:
-    """Return r^2 from each grid point to the nearest image of the centre, in m^2."""
+    """Return the squared distance of grid points to the nearest image of the centre.
+
+    The result is in m^2, of the recipe's shape.  Of the recipe its `shape`, `periods`
+    (m) and `centre` (fractions of the periods) are used.
+    """
     squares = []
     for n, period, centre in zip(
         recipe.shape, recipe.periods, recipe.centre, strict=True

@@ -2,13 +2,13 @@
 
 With f(q) = 1 from q_0 to q_r and (q/q_r)^(-s) from there to q_1 (s = 2 + 2H on a
 surface, 1 + 2H on a line), the density is C = C_0 f, and C_0 follows from the rms slope
-xi. The moments are
+xi.  The moments are
 
     surface   m_j = 2 pi int q^(j+1) C dq        line   m_j = int q^j C1 dq
 
-with m_0 = h_rms^2 and m_2 = xi^2.  Both pieces of each integral are powers of q.  Their
-integral int_a^b q^(n-1) dq = a^n L exprel(n L), with L = ln(b/a) and exprel(t) = (e^t -
-1)/t, has no cancellation at any exponent, n = 0 included.
+with m_0 = h_rms^2 and m_2 = xi^2.  Both pieces of each integrand are powers of
+q.  The integral of a power, int_a^b q^(n-1) dq = a^n L exprel(n L) with L = ln(b/a) and
+exprel(t) = (e^t - 1)/t, has no cancellation at any exponent, n = 0 included.
 """
 
 from __future__ import annotations
@@ -24,16 +24,20 @@ from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 
-#: A wave number this close (relatively) to a band's limit counts as inside.  Otherwise
-#: a period of seven digits would lose the modes at the limits.
+#: Relative distance from a limit of a band within which a wave number counts as inside.
+#: Without it a period of seven digits would lose the modes at the limits.
 BAND_TOLERANCE = 1e-6
 
 
 def amplitude_shape(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int
 ) -> FloatArray:
-    """Return sqrt(f(q)), the amplitudes without their common factor; 0 outside the
-    band.
+    """Return sqrt(f(q)): the amplitudes without their common factor, of the shape of q.
+
+    Args:
+        spectrum: its band, roll-off and Hurst exponent count.
+        wavenumber: q in rad/m, of any shape; outside the band the result is 0.
+        dimension: 1 for a line, 2 for a surface.
     """
     q = np.asarray(wavenumber, dtype=np.float64)
     relative = np.maximum(q / spectrum.wavenumber_roll_off, 1.0)
@@ -46,8 +50,17 @@ def amplitude_shape(
 def density(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """Return C(q) in m^4 of a surface (dimension 2), or the one-sided C1(q) in m^3 of a
-    line.
+    """Return the power spectral density C(q) of a surface, or C1(q) of a line.
+
+    C is in m^4 and the one-sided C1 in m^3.
+
+    Args:
+        spectrum: the spectrum.
+        wavenumber: q in rad/m, of any shape.
+        dimension: 1 for a line, 2 for a surface.
+
+    Raises:
+        InvalidScene: The band has no width, or the dimension is another.
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
@@ -59,8 +72,16 @@ def spectral_moment(
     dimension: int = 2,
     wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """Return m_order of the spectrum up to `wavenumber`, in m^(2 - order), for any real
-    order.
+    """Return the moment m_order of the spectrum, in m^(2 - order).
+
+    Args:
+        spectrum: the spectrum.
+        order: any real number.
+        dimension: 1 for a line, 2 for a surface.
+        wavenumber: the moment is taken up to this q in rad/m, of any shape.
+
+    Raises:
+        InvalidScene: The band has no width, or the dimension is another.
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * _shape_moment(spectrum, order, dimension, wavenumber)
@@ -69,8 +90,10 @@ def spectral_moment(
 def slope_variance_up_to(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """Return xi^2(q), the slope variance of all roughness up to `wavenumber`: 0 below
-    the band.
+    """Return xi^2(q), the slope variance of all roughness up to a wave number.
+
+    It is in m^2/m^2, and 0 below the band; see `spectral_moment` for arguments and
+    errors.
     """
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
@@ -81,17 +104,19 @@ def _shape_moment(
     dimension: int,
     wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """Return the moment of f(q), that is of C with C_0 = 1."""
+    """Return the moment of f(q), which is that of C for C_0 = 1."""
     if dimension not in (1, 2):
         raise InvalidScene(
             f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)"
         )
-    q0, q1 = spectrum.wavenumber_low, spectrum.wavenumber_high
-    qr, hurst = spectrum.wavenumber_roll_off, spectrum.hurst
+    q0 = spectrum.wavenumber_low
+    qr = spectrum.wavenumber_roll_off
+    q1 = spectrum.wavenumber_high
+    hurst = spectrum.hurst
     if q1 <= q0:
         raise InvalidScene(
-            f"wavenumber_low and wavenumber_high are both {q1:g} rad/m, but a density needs a "
-            "band of some width"
+            f"wavenumber_low and wavenumber_high are both {q1:g} rad/m, but a density "
+            "needs a band of some width"
         )
     q = np.clip(np.asarray(wavenumber, dtype=np.float64), q0, q1)
     flat = _power_integral(order + dimension, q0, np.minimum(q, qr))
@@ -107,17 +132,25 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
     return np.asarray(a**n * log_ratio * exprel(n * log_ratio))
 
 
-def truncated(
+def truncate(
     spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
 ) -> SelfAffineSpectrum:
-    """Cut a spectrum off at a wave number (rad/m); its rms slope decreases
-    accordingly.
+    """Return the part of a spectrum below a wave number, with its own rms slope.
+
+    Args:
+        spectrum: the spectrum.
+        wavenumber_high: the wave number of the cut in rad/m; beyond the band it changes
+            nothing.
+        dimension: 1 for a line, 2 for a surface.
+
+    Raises:
+        InvalidScene: Nothing of the band is left.
     """
     high = min(wavenumber_high, spectrum.wavenumber_high)
     if not high > spectrum.wavenumber_low:
         raise InvalidScene(
-            f"a cut-off at {wavenumber_high:g} rad/m leaves nothing of a spectrum that begins at "
-            f"{spectrum.wavenumber_low:g} rad/m"
+            f"a cut-off at {wavenumber_high:g} rad/m leaves nothing of a spectrum that "
+            f"begins at {spectrum.wavenumber_low:g} rad/m"
         )
     return replace(
         spectrum,
