@@ -4,13 +4,14 @@ release.
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
 
 from epcontact.bem.areas import rim_correction
 from epcontact.harness.case_files.case import find_named, load_case
-from epcontact.harness.verdict.compare import KEPT, UNCLAIMED, read_figures
+from epcontact.harness.verdict.compare import KEPT, UNCLAIMED, compare, read_figures
 from epcontact.harness.verdict.verification import verify
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -61,6 +62,56 @@ def test_a_kept_table_stands_for_its_verdict(runs, tmp_path):
     assert kept.stat().st_size < (runs / "right" / "verdict.json").stat().st_size / 3
     assert compared(kept, runs / "right") == (0, said.partition("; seconds")[0], "")
     assert compared(kept, runs / "off")[0] == 1
+
+
+def changed_tables():
+    """Return the values of two runs, made so that each kind of change occurs once."""
+    columns = ("case", "name", "value", "error", "low", "high")
+    old = pd.DataFrame(
+        [
+            ("a", "x of m against 1 (relative)", 1.0, 0.1, -1.0, 1.0),
+            ("a", "y of m against 0 (absolute)", 0.0, 0.5, -0.25, 0.75),
+            ("a", "cost.fft_pairs of m", 8.0, np.nan, np.nan, np.nan),
+            ("a", "cost.seconds of m", 2.0, np.nan, np.nan, np.nan),
+            ("b", "z of m", 5.0, np.nan, np.nan, np.nan),
+            ("b", "w of m against n (relative)", 3.0, 0.2, -0.1, 0.3),
+            ("b", "gone of m", 1.0, np.nan, np.nan, np.nan),
+            ("b", "v of m", 7.0, 0.1, np.nan, np.nan),
+        ],
+        columns=columns,
+    ).assign(size="fast", scene="", status="", reference=np.nan)
+    new = old[old["name"] != "gone of m"].copy()
+    new["value"] = [1.25, 0.125, 12.0, 5.0, 5.001, 3.05, 7.0]
+    # The first band is narrower, the second wider below, and that of w wider above.
+    new.loc[0, ["low", "high"]] = [-0.5, 0.5]
+    new.loc[1, "low"] = -0.5
+    new.loc[5, ["status", "error", "high"]] = ["falls short", 0.4, 0.5]
+    another_scene = old.tail(1).assign(
+        case="c", size="full", name="x of m", scene="one", value=1.0
+    )
+    old = pd.concat([old, another_scene])
+    moved_scene = another_scene.assign(scene="two", value=9.0)
+    added = [new.tail(1).assign(name=f"{name} of m") for name in "efghiju"]
+    new = pd.concat([new, moved_scene, *added, moved_scene.assign(case="d")])
+    return old, new
+
+
+def test_each_change_is_counted_in_error_estimates():
+    comparison = compare(*changed_tables())
+    moved = comparison.moved.set_index("figure")["moved"]
+    # z has no error estimate: the comparison takes 1e-4 of the value.
+    expected = {
+        "x of m": 0.25 / 0.1,
+        "z of m": 0.001 / (1e-4 * 5.001),
+        "y of m": 0.125 / 0.5,
+        "w of m": 0.05 / 0.4,
+    }
+    assert [*moved.index] == [*expected]
+    assert moved.to_dict() == pytest.approx(expected)
+    assert comparison.beyond == 2
+    assert comparison.compared == 5
+    assert comparison.exit_code == 1
+    assert comparison.time == pytest.approx(5.0 / 2.0)
 
 
 def test_what_is_gone_is_told(runs, tmp_path):

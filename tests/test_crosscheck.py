@@ -209,6 +209,9 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     )
     tight = measured_hardness(scene, steps=20)
     assert tight.ratio == pytest.approx(found.ratio, abs=3 * found.error)
+    # The severity E* ξ / σ_Y is that with which a scene of the study is built.
+    severe = measured_hardness(model_scene(5.0, 0.45, 201, 16, waves=2), steps=1)
+    assert severe.severity == pytest.approx(5.0, rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from epcontact.harness.gates import HOLDS
 #: elsewhere, and `python -m breaking --check` lists what is to be mended.
 MOST_STALE = 0.03
 
+#: Commands whose saved screens are those of a scene that is solved.
+SCREENS = ("run", "verify", "report", "gates", "plan")
 #: Tests whose scene is solved once for all of them, and for a fault once more.
 SLOW_TESTS = (
     "every_figure_of_an_answer_follows_from_the_pressures",
@@ -27,6 +29,7 @@ SLOW_TESTS = (
     "a_field_file_is_that_of_the_last_load",
     "a_chart_shows_the_fields_and_the_figures",
     "as_it_was_read",
+    *(f"test_screens.py::test_{command}" for command in SCREENS),
 )
 #: Beginnings of cases that take seconds, even with one surface.
 SLOW_CASES = ("fem-model", "paper")

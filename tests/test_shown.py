@@ -552,6 +552,7 @@ def gate(number, status):
         because="it must",
         source="",
         grid_error=(None, 0.043 * 1.9**number)[number % 2],
+        half_width=0.029 * 1.9**number,
         kind=("identity", "closed form")[number % 2],
         subject=("theory", "inputs")[number // 6],
         **judged,
@@ -602,6 +603,14 @@ def answers():
     }
 
 
+def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
+    described = "1 load, contact area 0.253 ± 0.21 at 1.25e+10 Pa"
+    assert repr(result(0)) == f"<ContactResult of bem: {described}>"
+    table = ET.fromstring(result(0)._repr_html_())
+    cells = [cell.text for cell in table.iter("td")]
+    assert {"loading", "1.25e+10", "0.253", "3e-09"} <= {*cells}
+
+
 def test_a_long_path_and_missing_numbers_in_words():
     path = [1e3 * n for n in range(1, 12)]
     assert report.shown(path[:8], "Pa") == "1, 2, 3, 4, 5, 6, 7, 8 kPa"
@@ -640,6 +649,26 @@ def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_p
         assert cases == {name for _, name in judged}
     uncovered = [name for tr in page.iter("tr") if (name := tr.get("data-uncovered"))]
     assert uncovered == [name for name in QUANTITIES if name != "area.total.raw"]
+
+
+def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
+    """The interval of a difference holds what the results claim of their grids."""
+    shown = verdict()
+    write_report(tmp_path / "x.html", shown.content, {})
+    cells = page_of(tmp_path / "x.html")[2]
+    texts = {(about["quantity"], about["field"]): text for about, text in cells}
+    judged = [gate for case in shown.cases for gate in case.gates if not gate.error]
+    assert len(judged) == 5
+    for gate in judged:
+        expected = {
+            "value": f"{gate.value.mean:.4g} ± {gate.value.half_width:.2g}",
+            "reference": f"{gate.reference.mean:.4g} ± {gate.reference.half_width:.2g}",
+            "difference": f"{gate.difference.mean:.3g} ± {gate.half_width:.2g}",
+            "band": f"[{gate.low:.4g}, {gate.high:.4g}]",
+            "status": gate.status,
+        }
+        for field, text in expected.items():
+            assert texts[gate.quantity, field] == text
 
 
 def test_nothing_a_case_says_becomes_html(tmp_path):

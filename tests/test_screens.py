@@ -1,0 +1,258 @@
+"""What a person reads, beside the screens that were saved: one scene of each command.
+
+`pytest tests/test_screens.py --force-regen` saves the screens that have changed in
+`tests/test_screens`, for somebody to read them in the difference of the commit.  Words
+are compared exactly and numbers within tolerances; other tests show that the numbers
+are right.
+"""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from command_line import invoke
+from conftest import SMALL_CASE
+from test_compare import changed_tables
+from test_shown import tree_of, verdict
+
+from epcontact.cli import cases
+from epcontact.harness.verdict.judgement import Verdict
+
+#: Numbers may differ by this part of themselves, by the last digit shown, or by this
+#: part of the largest number of their line, which is far below what solvers resolve.
+RELATIVE_TOLERANCE = 1e-3
+ROUNDING = 1e-9
+
+NUMBER = re.compile(r"(?<![\w.#])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d)")
+
+#: Texts that differ from machine to machine and from run to run, and their stand-ins.
+VARYING = {
+    r"\b\d+(\.\d+){2,}": "VERSION",
+    r"\b(?=\d*[a-f])[0-9a-f]{12,}\b": "DIGEST",
+    r"version VERSION, commit .*": "MACHINE",
+}
+#: Lines whose numbers are those of a clock, of a machine or of rounding.
+NOISE = re.compile(r"measured_|boundary elements \||\| yes \|")
+
+
+def lasting(text):
+    """Return a text without what changes from machine to machine."""
+    for pattern, name in VARYING.items():
+        text = re.sub(pattern, name, text)
+    lines = [line.rstrip() for line in text.splitlines()]
+    for index, line in enumerate(lines):
+        if NOISE.search(line):
+            lines[index] = NUMBER.sub("*", line)
+    return "\n".join(lines) + "\n"
+
+
+def words_of(line):
+    """Return the words of a line, with a mark in the place of each number."""
+    return " ".join(NUMBER.sub("#", line).split())
+
+
+def tolerance_of(number, scale):
+    """Return how far a number may be off that is printed in a line of this scale."""
+    digits, _, exponent = number.partition("e")
+    _, point, decimals = digits.partition(".")
+    last_digit = 0.0
+    if point:
+        last_digit = 10.0 ** (int(exponent or 0) - len(decimals))
+    relative = RELATIVE_TOLERANCE * abs(float(number))
+    return 1.01 * max(last_digit, relative, ROUNDING * scale)
+
+
+def compare_screens(obtained, expected):
+    """Compare the words of two files exactly and their numbers within tolerances."""
+    lines = obtained.read_text("utf-8").splitlines()
+    saved_lines = expected.read_text("utf-8").splitlines()
+    assert [words_of(line) for line in lines] == [words_of(s) for s in saved_lines]
+    for line, saved_line in zip(lines, saved_lines, strict=True):
+        numbers = NUMBER.findall(line)
+        saved_numbers = NUMBER.findall(saved_line)
+        scale = max((abs(float(number)) for number in saved_numbers), default=0.0)
+        for number, saved in zip(numbers, saved_numbers, strict=True):
+            difference = abs(float(number) - float(saved))
+            assert difference <= tolerance_of(saved, scale), f"{line}\n{saved_line}"
+
+
+@pytest.fixture(autouse=True)
+def terminal_width(monkeypatch):
+    """Give every command the same width, whatever terminal the tests run in."""
+    monkeypatch.setenv("COLUMNS", "100")
+
+
+@pytest.fixture
+def check_screen(file_regression):
+    """Compare a text with the saved screen of the test."""
+
+    def check(text):
+        file_regression.check(lasting(text), encoding="utf-8", check_fn=compare_screens)
+
+    return check
+
+
+#: Two oblong rough metals that conduct heat, of an effective hardness, at two loads.
+CHANGES = {
+    'id = "small"': 'id = "metals"',
+    "[3, 5, 7]": "[3, 5]",
+    "period = 1.0e-3": "period = [1.0e-3, 1.25e-3]",
+    "mean_pressure = 5.0e8": "mean_pressure = [2.0e8, 5.0e8]",
+    "hardness = 6.0e9": 'hardness = "effective"\nyield_stress = 2.0e9\n'
+    "thermal_conductivities = [16.0, 50.0]",
+}
+GATES = """
+[[gate]]
+quantity = "distribution"
+norm = "wasserstein"
+of = "bem"
+against = "persson"
+tolerance = 0.7
+because = "two small surfaces are uncertain"
+
+[[gate]]
+quantity = "quantity.conductance"
+of = "bem"
+against = 5.0e4
+source = "made up"
+between = [-0.9, 0.2]
+because = "it is a number"
+"""
+
+
+@pytest.fixture(scope="module")
+def metals(tmp_path_factory):
+    """Run the scene once; return a function that shows the screen of a command."""
+    home = tmp_path_factory.mktemp("screens")
+    text = SMALL_CASE + GATES
+    for old, new in CHANGES.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    case = home / "metals.toml"
+    case.write_text(text)
+
+    def screen(command, *options, returncode=0):
+        done = invoke(command, *options)
+        assert done.returncode == returncode, done
+        return done.stdout.replace(str(home), "HOME")
+
+    out = ("--jobs", 1, "--output", home)
+    screens = {"run": screen("run", case, *out, "--charts")}
+    screens["verify"] = screen(
+        "verify", case, *out, "--gates", "--report", returncode=1
+    )
+    return SimpleNamespace(home=home, case=case, screens=screens, screen=screen)
+
+
+def test_run(metals, check_screen):
+    check_screen(metals.screens["run"])
+
+
+def test_verify(metals, check_screen):
+    check_screen(metals.screens["verify"])
+
+
+def test_report(metals, check_screen):
+    """The words of the page, without the list of the quantities that no gate reads."""
+    page = tree_of(metals.home / "report.html")
+    texts = []
+    for element in page.iter():
+        is_note = element.get("class") == "note"
+        if element.tag == "tr" and not is_note and not element.get("data-uncovered"):
+            cells = ("".join(cell.itertext()) for cell in element)
+            texts.append(" | ".join(cells))
+        elif element.tag in ("h1", "h2", "h3", "p", "li", "summary", "figcaption"):
+            texts.append("".join(element.itertext()))
+    check_screen("\n".join(" ".join(text.split()) for text in texts))
+
+
+def test_gates(metals, check_screen):
+    check_screen(metals.screen("gates", metals.case, "--output", metals.home))
+
+
+def test_plan(metals, check_screen):
+    options = ("--tolerance", "20%", "--check")
+    check_screen(metals.screen("plan", metals.case, *options))
+
+
+def test_cite(metals, check_screen):
+    check_screen(metals.screen("cite", metals.case))
+
+
+def screen_of(command):
+    """Return what a command prints that needs no scene."""
+    done = invoke(*command.split())
+    assert done.returncode == 0
+    return done.stdout
+
+
+def test_list(check_screen):
+    check_screen(screen_of("list"))
+
+
+def test_keys(check_screen):
+    check_screen(screen_of("keys"))
+
+
+def test_chart(check_screen):
+    check_screen(screen_of("chart"))
+
+
+def test_hardness(check_screen):
+    metal = "--yield-stress 1e9 --young-modulus 7e10 --poisson-ratio 0.2"
+    surface = "--mean-pressure 2e8 --rms-slope 0.1 --breadth 9"
+    check_screen(screen_of(f"hardness {metal} {surface}"))
+
+
+def test_joint(check_screen):
+    bodies = "--conductivities 16 50 --hardness 3e9 --effective-modulus 2e10"
+    surface = "--rms-height 3e-6 --rms-slope 0.2 --mean-pressure 3e7 --breadth 9"
+    check_screen(screen_of(f"joint {bodies} {surface}"))
+
+
+def test_verify_of_many_cases(check_screen, capsys):
+    """Three cases hold, two fall short, one has an error and one is skipped."""
+    first, second, third = verdict().cases
+    judged = [first, second, third]
+    for number, case in enumerate((first, first, second)):
+        judged.append(case.model_copy(update={"id": f"{case.id}-{number}"}))
+    skipped = {"status": "skipped", "gates": [], "skipped_because": "no map is here"}
+    judged.append(first.model_copy(update={"id": "case-s", "methods": {}, **skipped}))
+    left_out = [["a gate", "another"] if case is third else [] for case in judged]
+    shown = []
+    for case, gates in zip(judged, left_out, strict=True):
+        shown.append(case.model_copy(update={"not_judged": gates}))
+        told_hardness = "hard" if case is second else ""
+        shown[-1]._case = SimpleNamespace(
+            recipes=(), lists_loads=False, told_hardness=told_hardness
+        )
+    cases._show(Verdict.on(shown, "fast"), Path("my results"), False, False)
+    check_screen(capsys.readouterr().out)
+
+
+def test_compare(check_screen, tmp_path):
+    old, new = changed_tables()
+    old.to_csv(tmp_path / "old.csv")
+    new.to_csv(tmp_path / "new.csv")
+    done = invoke("compare", tmp_path / "old.csv", tmp_path / "new.csv")
+    assert done.returncode == 1
+    check_screen(done.stdout)
+
+
+def test_sweep(check_screen, tmp_path, write_case):
+    """Six points of the theory alone."""
+    theory_alone = (
+        ('["persson", "bem"]', '["persson"]'),
+        ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1'),
+        ("tolerance = 0.5", 'tolerance = 0.5\nsource = "made up"'),
+    )
+    axes = """
+[sweep]
+load.mean_pressure = [2e8, 4e8]
+material.hardness = { low = 3e9, high = 12e9, points = 3, spacing = "log" }
+"""
+    case = write_case(*theory_alone, more=axes)
+    done = invoke("sweep", case, "--output", tmp_path, "--jobs", 1)
+    assert done.returncode == 0
+    check_screen(done.stdout.replace(str(tmp_path), "HOME"))
