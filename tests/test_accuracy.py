@@ -8,6 +8,7 @@ import pytest
 from as_read import lines_of_chart, lines_of_file, same_as_read
 from command_line import invoke
 
+from epcontact.cli.ledger import _row as row_of_table
 from epcontact.harness import sweep
 from epcontact.persson.validity import theory_map
 from epcontact.studies import STUDIES, conductance
@@ -25,6 +26,35 @@ def test_bias_is_the_median_and_scatter_half_of_the_central_68_percent():
         (0.05, 0.102, 301)
     )
     assert second["bias"] == pytest.approx(1e-5 / SMALLEST_AREA)  # and no 100 %
+
+
+def test_a_row_of_the_ledger_has_units_and_the_span_of_its_scenes():
+    row = {
+        "quantity": "A_pl",
+        "pair": "FE – BEM",
+        "points": 4.0,
+        "bias": -0.0314,
+        "scatter": 0.271,
+        "scenes": 12,
+        "time": 3.456,
+        "fft_pairs": 123.4,
+        "load_min": 0.01,
+        "load_max": 0.05,
+        "hardness_min": 0.6,
+        "hardness_max": 0.6,
+        "hurst_min": np.nan,
+        "hurst_max": np.nan,
+        "waves_min": 8.0,
+        "waves_max": 64.0,
+    }
+    span = "p0/(E* ξ) 0.01 to 0.05, hardness/(E* ξ) 0.6, waves 8 to 64"
+    pair = "FE, 4 points a wave – BEM"
+    shown = ("A_pl", pair, "-3.1 %", "27 %", "12", "3.46", "123", span)
+    assert row_of_table(row) == shown
+    # One scene has no scatter, and boundary elements of any grid no points a wave.
+    row |= {"points": np.nan, "scenes": 1, "time": np.nan, "fft_pairs": 0.0}
+    shown = ("A_pl", "FE – BEM", "-3.1 %", "–", "1", "", "", span)
+    assert row_of_table(row) == shown
 
 
 @pytest.fixture(scope="module")

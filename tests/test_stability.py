@@ -5,10 +5,13 @@ show.
 import json
 from functools import partial
 
+import numpy as np
+import pandas as pd
 import pytest
 from as_read import lines_of_chart, same_as_read
 
 from epcontact import bem
+from epcontact.cli.studies import _summary
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.studies.stability import EXAMINED, MAPS, SIZES, chart, stability, write
 
@@ -101,6 +104,25 @@ def test_the_maps_are_as_they_were_read(coarse, tmp_path):
         x for name, one in maps for x in lines_of_chart(name, chart(one, "coarse"))
     )
     same_as_read(lines, "stability.txt", tmp_path, counted="")
+
+
+def test_the_summary_counts_points_and_failures_and_has_the_largest_effort():
+    points = pd.DataFrame(
+        {
+            "map": ["capped", "capped", "capped", "fem"],
+            "method": ["newton", "newton", "newton", "fem"],
+            "converged": [True, False, True, True],
+            "effort": [5.0, np.nan, 30.0, 11.5],
+        }
+    )
+    columns = [[*column.cells] for column in _summary(points).columns]
+    assert columns == [
+        ["capped", "fem"],
+        ["newton", "fem"],
+        ["3", "1"],
+        ["[bold red]1[/]", "0"],
+        ["30", "11.5"],
+    ]
 
 
 def test_unknown_map_or_size():

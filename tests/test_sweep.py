@@ -18,12 +18,14 @@ from command_line import invoke
 from test_executor import Elsewhere
 
 from epcontact import persson
+from epcontact.cli import plans
 from epcontact.cli.listing import _verified
 from epcontact.errors import InvalidCase, NotConverged, OutputError
 from epcontact.harness import sweep
 from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.sweep import Swept
 from epcontact.harness.verdict.verification import verify
 from epcontact.output.vtk import read_fields
 
@@ -251,6 +253,38 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
         "2 of 2 tasks"
         in invoke("sweep", path, "--output", tmp_path / "x", "--jobs", 1).stdout
     )
+
+
+def test_a_long_sweep_shows_its_first_points_and_counts_failures(monkeypatch, tmp_path):
+    load = {
+        "branch": "loading",
+        "mean_pressure": {"mean": 2e3, "error": 0.0, "parts": {}},
+        "total_area": {"mean": 0.125, "error": 0.01, "parts": {"grid": 0.01}},
+    }
+    solved = pd.DataFrame({"load": [0, 0, 0], "solved": [True, True, False]})
+    swept = Swept(
+        folder=tmp_path,
+        table=solved,
+        failures={"a": "stalled", "b": "no memory", "c": "stalled"},
+        reused=1,
+        loads={f"hardness {n}, bem": ([load], "1") for n in range(43)},
+        quantities=(),
+        notes={"a note": 2},
+        fields={tmp_path / "x.vti": "point 7"},
+    )
+    monkeypatch.setattr(plans, "run_sweep", lambda *_, **__: swept)
+    done = invoke("sweep", "mine")
+    assert done.returncode == 2
+    assert done.stdout.count("loading") == 40
+    for words in (
+        "and 3 more\n",
+        "note of 2 tasks: a note\n",
+        "fields of point 7 in ",
+        "2 of 3 tasks are solved, 1 of them earlier; table in ",
+    ):
+        assert words in done.stdout
+    assert "3 tasks failed" in done.stderr
+    assert "2 with: stalled; 1 with: no memory" in done.stderr
 
 
 def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
