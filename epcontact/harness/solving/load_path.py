@@ -19,6 +19,7 @@ from typing import Any
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
 from epcontact.harness.methods.load_by_load import total_cost
+from epcontact.harness.quantities.filled import filled_notes
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.measure import (
     QUANTITIES_OF_EACH_LOAD,
@@ -72,7 +73,8 @@ def solve_path(
     if mapped:
         steps = _with_hardness_errors(task, scene, mapped, threads, steps)
     steps = [_with_conductances(step, task.case.conductances) for step in steps]
-    return replace(result, steps=tuple(steps))
+    notes = (*result.notes, *filled_notes(steps))
+    return replace(result, steps=tuple(steps), notes=notes)
 
 
 def _with_hardness(step: LoadStep, hardness: float) -> LoadStep:

@@ -8,6 +8,8 @@ was solved, so some quantities are measured at each load.
 |-----------------------------------------|--------------|------------------------|
 | `QUANTITIES_OF_EACH_LOAD`, if the task  | at each load | it is left out, such   |
 | lists its loads and the grid is small   |              | as a layer's conductance |
+| fractions on filled heights, if the     | at each load | they are left out      |
+| surface has such heights                |              |                        |
 | `quantity.measured_*` that gates read,  | at each load; gates read | the task fails |
 | of a method that knows one load at once | the largest of all loads |            |
 | what gates read                         | at the end   | the task fails         |
@@ -24,6 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from epcontact.errors import InvalidCase, NotConverged
+from epcontact.harness.quantities.filled import FILLED
 from epcontact.harness.quantities.registry import QUANTITIES, measure_on
 from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.harness.solving.tasks import Task
@@ -56,13 +59,21 @@ class Measurement:
 
 
 def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
-    """Yield what is measured at each load of a task."""
+    """Yield what is measured at each load of a task.
+
+    The fractions on filled heights are measured for a surface that has such heights,
+    whatever the task lists, because a note depends on them.
+    """
     if task.method.knows_one_load:
         for name in task.measured:
             if _is_check(name):
                 yield Measurement(name, "fail")
     if task.lists_loads and scene.surface.heights.size <= _LARGEST_GRID:
         for name in QUANTITIES_OF_EACH_LOAD:
+            if name not in FILLED:
+                yield Measurement(name, "leave out")
+    if task.method.has_fields and scene.surface.filled is not None:
+        for name in FILLED:
             yield Measurement(name, "leave out")
 
 
