@@ -1,5 +1,6 @@
-"""Heights that are given: in an array, in a file, or as what a result leaves; see
-`treatment`.
+"""Heights that are given: in an array, in a file, or as what a result leaves.
+
+The module `treatment` describes how measured heights become a surface.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Strict, StrictFloat, ValidationInfo
+from pydantic import BeforeValidator, StrictBool, StrictFloat, ValidationInfo
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
@@ -36,11 +37,14 @@ from epcontact.surfaces.recipe import (
 )
 from epcontact.surfaces.treatment import EdgeField, Preparation, prepare_surface
 
-#: A path counts as unloaded if it ends below this share of its largest mean pressure.
+#: A load path counts as unloaded if it ends below this fraction of its largest mean
+#: pressure.
 UNLOADED = 1e-2
-#: Rms slopes beyond which the unit of a file is taken for wrong, as if by a factor of
-#: 1000.
+#: Rms slopes above and below which the unit of a file counts as wrong: no surface is
+#: as steep, and only optical flats are as flat.
 STEEPEST, FLATTEST = 10.0, 1e-4
+#: Relative difference of periods, or of grid spacings, that counts as none.
+_SAME_PERIODS, _SAME_SPACING = 1e-9, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,30 +69,30 @@ class HeightsFromArray(Preparation):
         heights = np.array(checked_heights(self.heights, "heights"))
         heights.flags.writeable = False
         require_usable(heights, "heights", self.missing)
-        set_frozen(
-            self, heights=heights, periods=checked_grid(heights.shape, self.periods)[1]
-        )
+        _, periods = checked_grid(heights.shape, self.periods)
+        set_frozen(self, heights=heights, periods=periods)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
+        """Number of grid points along each direction."""
         return np.shape(self.heights)
 
     @cached_property
     def fingerprint(self) -> str:
         """The SHA-256 of the heights, and their treatment."""
-        digest = hashlib.sha256(
-            np.ascontiguousarray(self.heights, np.float64).data
-        ).hexdigest()
-        return f"array/1 {digest} {self.steps}"
+        content = np.ascontiguousarray(self.heights, np.float64).data
+        return f"array/1 {hashlib.sha256(content).hexdigest()} {self.steps}"
 
     def build(self) -> Surface:
-        """Treat the heights.  Raises InvalidScene if they are refused."""
+        """Make the surface: treat the heights.
+
+        Raises InvalidScene if the edges jump and `treatment` is "refuse".
+        """
         return prepare_surface(np.asarray(self.heights), self, "heights")
 
 
 def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
-    """Resolve a path of a case file, which is relative to the folder of that file."""
+    """Return a path of a case file, which is relative to the folder of that file."""
     if not isinstance(value, str) or not value:
         raise ValueError("must be the path of a file")
     return (info.context or {}).get("folder", Path()) / value
@@ -135,8 +139,7 @@ class HeightsFromFile(Preparation):
         entry("m", "spacing of the grid, in the place of period", gt=0),
     ] = None
     optional: Annotated[
-        bool,
-        Strict(),
+        StrictBool,
         entry("", "skip the case with a sentence where the file is absent"),
     ] = False
     kind: Literal["file"] = field(default="file", kw_only=True)
@@ -147,112 +150,144 @@ class HeightsFromFile(Preparation):
             raise InvalidScene(
                 f"path is {self.path!r:.60}, but must be the path of a file"
             )
-        set_frozen(self, path=Path(self.path))
-        if self.treatment is None:  # a result is periodic
-            set_frozen(
-                self,
-                treatment="refuse" if Path(self.path).suffix == ".vti" else "mirrored",
-            )
-        if self.optional and not Path(self.path).exists():
+        path = Path(self.path)
+        set_frozen(self, path=path)
+        if self.treatment is None:
+            is_periodic = path.suffix == ".vti"  # as the heights of any result
+            set_frozen(self, treatment="refuse" if is_periodic else "mirrored")
+        if self.optional and not path.exists():
             raise SurfaceAbsent(
-                f"its surface {self.path} is not here; put the file there to run it"
+                f"its surface {path} is not here; put the file there to run it"
             )
-        set_frozen(self, periods=checked_grid(self.shape, self._periods())[1])
+        _, periods = checked_grid(self.shape, self._periods())
+        set_frozen(self, periods=periods)
         # Read now, so that the fingerprint belongs to the content whose shape was just
         # read.
         _ = self.fingerprint
 
     @cached_property
     def _map(self) -> HeightMap:
+        """The content of the file."""
         stored = read_heights(Path(self.path))
         return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle without the heights; another process reads them from the file
-        again.
+        """Return the state for pickle without the heights, which another process reads
+        from the file again.
         """
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        stored, given, shape = self._map, as_tuple(self.periods), self.shape
-        alone = len(given) == 1 and len(shape) == 2
-        refusals = {
-            "knows the unit of its heights; leave out unit": stored.in_metres
-            and self.unit,
-            "does not say in which unit its heights are; give unit = 1e-6 for micrometres, 1e-9 "
-            "for nanometres or 1.0 for metres": not stored.in_metres and not self.unit,
-            "needs periods or pixel_size, not both": given and self.pixel_size,
-            "does not say how large the map is; give its periods in m": (
-                not given and not self.pixel_size and stored.periods is None
-            ),
-            f"holds {shape[0]} x {shape[-1]} heights, and one period does not say how large they "
-            "are each way; give both": alone and shape[0] != shape[-1],
-        }
-        for words, refused in refusals.items():
-            if refused:
-                raise InvalidScene(f"{self.path} {words}")
+        """Return the periods in m, as the user or the file gives them.
+
+        Raises InvalidScene if they, or the unit of the heights, are given twice or not
+        at all.
+        """
+        stored = self._map
+        shape = self.shape
+        given = as_tuple(self.periods)
+        one_for_both = len(given) == 1 and len(shape) == 2
+        problem = ""
+        if stored.in_metres and self.unit:
+            problem = "knows the unit of its heights; leave out unit"
+        elif not stored.in_metres and not self.unit:
+            problem = (
+                "does not say in which unit its heights are; give unit = 1e-6 for "
+                "micrometres, 1e-9 for nanometres or 1.0 for metres"
+            )
+        elif given and self.pixel_size:
+            problem = "needs periods or pixel_size, not both"
+        elif not given and not self.pixel_size and stored.periods is None:
+            problem = "does not say how large the map is; give its periods in m"
+        elif one_for_both and shape[0] != shape[-1]:
+            problem = (
+                f"holds {shape[0]} x {shape[-1]} heights, and one period does not say "
+                "how large they are each way; give both"
+            )
+        if problem:
+            raise InvalidScene(f"{self.path} {problem}")
         if self.pixel_size is not None:
             return tuple(self.pixel_size * n for n in shape)
-        of_file = tuple((self.unit or 1.0) * p for p in stored.periods or ())
-        return given * 2 if alone else given or of_file
+        if not given:
+            return tuple((self.unit or 1.0) * p for p in stored.periods or ())
+        return given * 2 if one_for_both else given
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
+        """Number of grid points along each direction."""
         return self._map.heights.shape
 
     @cached_property
     def fingerprint(self) -> str:
-        """The SHA-256 of the file's content, the unit, and the treatment of the
+        """The SHA-256 of the file's content, the unit and the treatment of the
         heights.
         """
-        return f"file/2 {file_digest(Path(self.path))} unit={self.unit or 1.0!r} {self.steps}"
+        digest = file_digest(Path(self.path))
+        return f"file/2 {digest} unit={self.unit or 1.0!r} {self.steps}"
 
     def build(self) -> Surface:
-        """Read the heights and treat them.  Raises InvalidScene if they are refused."""
-        require_room(
-            Mirrored(self).shape if self.treatment == "mirrored" else self.shape
-        )
+        """Make the surface: read the heights and treat them.
+
+        Raises:
+            InvalidScene: The heights are no usable map, jump at their edges though
+                `treatment` is "refuse", or are steeper than any surface.
+            NotEnoughMemory: They do not fit into memory.
+        """
+        mirrored = self.treatment == "mirrored"
+        require_room(Mirrored(self).shape if mirrored else self.shape)
         stored = self._map
-        notes = [*stored.notes]
-        x, y = self.periods[0] / self.shape[0], self.periods[-1] / self.shape[-1]
-        if stored.periods is None and not math.isclose(x, y, rel_tol=0.01):
-            # Periods given in the wrong order show in spacings that differ.
-            along_x = (
-                f"{x:.3g} m wide along x, over the {self.shape[0]} heights of a line"
-            )
-            along_y = f"{y:.3g} m along y, over {self.shape[1]} lines"
-            notes.append(
-                f"the periods make the grid {along_x} of the file, and {along_y}"
-            )
         surface = prepare_surface(
             stored.heights,
             self,
             str(self.path),
-            notes,
+            [*stored.notes, *self._spacing_notes()],
             self.unit or 1.0,
             stored.filled,
         )
-        steep = f"the rms slope is {surface.rms_slope:.3g}, beyond that of any"
-        remedy = (
-            "the heights and the lengths along the map must be in one unit: check unit"
+        return self._with_checked_slope(surface)
+
+    def _spacing_notes(self) -> list[str]:
+        """Return a note if the given periods make other spacings along x than along y.
+
+        Periods in the wrong order show by it.
+        """
+        shape = self.shape
+        x = self.periods[0] / shape[0]
+        y = self.periods[-1] / shape[-1]
+        equal = math.isclose(x, y, rel_tol=_SAME_SPACING)
+        if equal or self._map.periods is not None:
+            return []
+        return [
+            f"the periods make the grid {x:.3g} m wide along x, over the {shape[0]} "
+            f"heights of a line of the file, and {y:.3g} m along y, over {shape[1]} "
+            "lines"
+        ]
+
+    def _with_checked_slope(self, surface: Surface) -> Surface:
+        """Return the surface, with a note if its slope suggests a wrong unit.
+
+        Raises InvalidScene if the slope is impossible, with the outliers and marks that
+        may be the reason.
+        """
+        slope = surface.rms_slope
+        remedy = "the heights and the lengths along the map must be in one unit: check "
+        remedy += "unit"
+        if slope > STEEPEST:
+            message = (
+                f"{self.path}: the rms slope is {slope:.3g}, beyond that of any "
+                f"surface; {remedy}, period and pixel_size"
+            )
+            for note in surface.notes:
+                if "outliers" in note or "far from all others" in note:
+                    message += f"; or {note}"
+            raise InvalidScene(message)
+        if not 0 < slope < FLATTEST:
+            return surface
+        note = (
+            f"the rms slope is {slope:.3g}, below that of any but optical flats; "
+            f"{remedy}"
         )
-        if surface.rms_slope > STEEPEST:
-            signs = (
-                n
-                for n in surface.notes
-                if "outliers" in n or "far from all others" in n
-            )
-            others = "".join(f"; or {sign}" for sign in signs)
-            raise InvalidScene(
-                f"{self.path}: {steep} surface; {remedy}, period and pixel_size{others}"
-            )
-        if 0 < surface.rms_slope < FLATTEST:
-            told = warn_user(
-                (f"{steep.replace('beyond', 'below')} but optical flats; {remedy}",)
-            )
-            surface = replace(surface, notes=(*surface.notes, *told))
-        return surface
+        return replace(surface, notes=(*surface.notes, *warn_user((note,))))
 
 
 @dataclass(frozen=True)
@@ -265,82 +300,86 @@ class Mirrored:
     """
 
     map: HeightsFromFile | HeightsFromArray  #: A recipe whose treatment is "mirrored".
-    shape: tuple[int, ...] = field(init=False)
-    periods: tuple[float, ...] = field(init=False)
+    shape: tuple[int, ...] = field(init=False)  #: Twice that of the map, each way.
+    periods: tuple[float, ...] = field(init=False)  #: Twice those of the map, in m.
     fingerprint: str = field(init=False)  #: That of the map, which names the treatment.
 
     def __post_init__(self) -> None:
-        shape, periods = (
-            tuple(2 * n for n in of) for of in (self.map.shape, self.map.periods)
-        )
+        shape = tuple(2 * n for n in self.map.shape)
+        periods = tuple(2 * length for length in self.map.periods)
         set_frozen(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
 
     def build(self) -> Surface:
-        """Make the surface."""
+        """Make the surface; raises what the map raises."""
         return self.map.build()
 
 
 @dataclass(frozen=True)
 class Facing:
-    """The recipe of two rough surfaces face to face, on one grid: their composite
-    roughness.
+    """The recipe of two rough surfaces face to face, on one grid.
 
-    Each has its heights out of its own body, and point (x, y) of the second lies over
-    point (x, y) of the first.  In one frame the heights of the second count downward,
-    so that the difference of both, on which alone contact depends, is their sum.
+    Contact depends only on the difference of both heights in one frame.  Each surface
+    has its heights out of its own body, and those of the second count downward in the
+    frame of the first: the difference is the sum of both.  Point (x, y) of the second
+    lies over point (x, y) of the first.
 
     Raises:
         InvalidScene: the grids or the periods differ.
     """
 
-    first: Recipe  #: That of the lower body.
-    second: Recipe  #: That of the counterface.
-    shape: tuple[int, ...] = field(init=False)
-    periods: tuple[float, ...] = field(init=False)
-    fingerprint: str = field(init=False)
+    first: Recipe  #: The surface of the lower body.
+    second: Recipe  #: The surface of the counterface.
+    shape: tuple[int, ...] = field(init=False)  #: That of both surfaces.
+    periods: tuple[float, ...] = field(init=False)  #: Those of both surfaces, in m.
+    fingerprint: str = field(init=False)  #: Those of both surfaces.
 
     def __post_init__(self) -> None:
-        a, b = self.first, self.second
-        if a.shape != b.shape or not np.allclose(
-            a.periods, b.periods, rtol=1e-9, atol=0
+        a = self.first
+        b = self.second
+        same_shape = a.shape == b.shape
+        if not same_shape or not np.allclose(
+            a.periods, b.periods, rtol=_SAME_PERIODS, atol=0
         ):
             raise InvalidScene(
-                f"surface has {a.shape} points over {a.periods} m and the counterface's {b.shape} "
-                f"over {b.periods} m, but two surfaces face each other on one grid and period"
+                f"surface has {a.shape} points over {a.periods} m and the "
+                f"counterface's {b.shape} over {b.periods} m, but two surfaces face "
+                "each other on one grid and period"
             )
         words = f"facing/1 {a.fingerprint} on {b.fingerprint}"
         set_frozen(self, shape=a.shape, periods=a.periods, fingerprint=words)
 
     def build(self) -> Surface:
-        """Make both, and their composite roughness."""
-        a, b = self.first.build(), self.second.build()
-        known = [
-            s.shortest_wavelength for s in (a, b) if s.shortest_wavelength is not None
-        ]
+        """Make both surfaces, and return the one whose heights are the sum."""
+        a = self.first.build()
+        b = self.second.build()
+        shortest = None
+        if a.shortest_wavelength is not None and b.shortest_wavelength is not None:
+            shortest = min(a.shortest_wavelength, b.shortest_wavelength)
+        errors = {}
+        for name in {**a.treatment_errors, **b.treatment_errors}:
+            of_a = a.treatment_errors.get(name, 0.0)
+            of_b = b.treatment_errors.get(name, 0.0)
+            errors[name] = math.hypot(of_a, of_b)
+        notes_of_b = (f"counterface: {note}" for note in b.notes)
         return Surface(
             a.heights + b.heights,
             a.periods,
-            shortest_wavelength=min(known) if len(known) == 2 else None,
+            shortest_wavelength=shortest,
             recipe=self.fingerprint,
-            notes=(
-                *a.notes,
-                *(f"counterface: {n}" for n in b.notes),
-                "heights are of both bodies",
-            ),
-            treatment_errors={
-                name: math.hypot(*(s.treatment_errors.get(name, 0.0) for s in (a, b)))
-                for name in {**a.treatment_errors, **b.treatment_errors}
-            },
-            filled=_either(a.filled, b.filled),
+            notes=(*a.notes, *notes_of_b, "heights are of both bodies"),
+            treatment_errors=errors,
+            filled=_union(a.filled, b.filled),
         )
 
 
-def _either(
+def _union(
     first: NDArray[np.bool_] | None, second: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """Return the mask of the points that either of two masks marks; None: no point."""
-    if first is None or second is None:
-        return second if first is None else first
+    """Return the mask of the points that either mask marks; None marks no point."""
+    if first is None:
+        return second
+    if second is None:
+        return first
     return first | second
 
 
@@ -352,7 +391,7 @@ def residual_surface(surface: Surface, result: ContactResult) -> Surface:
 
     Args:
         surface: the surface of the scene that was solved.
-        result: the answer to it, with fields.
+        result: the result of that scene, with fields.
 
     Raises:
         InvalidScene: the result has no fields, or its path does not unload a body
@@ -369,14 +408,18 @@ def residual_surface(surface: Surface, result: ContactResult) -> Surface:
     lowered = result.fields.get("plastic_displacement")
     if lowered is None:
         pressures = [step.mean_pressure for step in result.steps]
-        if "displacement" not in result.fields or pressures[-1] > UNLOADED * max(
-            pressures
-        ):
+        unloaded = pressures[-1] <= UNLOADED * max(pressures)
+        if not unloaded or "displacement" not in result.fields:
             raise InvalidScene(
-                f"{result.method} gives no plastic displacement; let its load path end at 0, where "
-                "the displacement that remains is the plastic one"
+                f"{result.method} gives no plastic displacement; let its load path end "
+                "at 0, where the displacement that remains is the plastic one"
             )
         lowered = result.fields["displacement"]
     note = f"the surface that {result.method} has left after plastic flow"
-    left, notes = surface.heights - lowered, (*surface.notes, note)
-    return replace(surface, heights=left, spectrum=None, recipe="", notes=notes)
+    return replace(
+        surface,
+        heights=surface.heights - lowered,
+        spectrum=None,
+        recipe="",
+        notes=(*surface.notes, note),
+    )
