@@ -2,8 +2,6 @@
 (test_hostile.py).
 """
 
-# ruff: noqa: E731
-
 import ctypes
 import os
 import signal
@@ -40,61 +38,124 @@ def hangs(_):
     time.sleep(3600)
 
 
-exits_with_success = lambda _: os._exit(0)  # as Fortran's STOP does
-raises_system_exit = lambda _: sys.exit(0)
-breaks_memory = lambda _: ctypes.string_at(0)
-is_killed = lambda _: os.kill(os.getpid(), signal.SIGKILL)  # as for want of memory
-divides_by_zero = lambda _: 1 // 0
-has_no_memory = lambda _: np.empty(1 << 50)
-returns_a_table = lambda _: {"area": 0.1}
-returns_another_grid = lambda s: replace(
-    full_contact(s), fields={"pressure": np.zeros(3)}
-)
-has_no_steps = lambda scene: replace(full_contact(scene), steps=())
-leaves_no_name = lambda s: replace(full_contact(s), fields={"": np.zeros(32)})
-answers_twice = lambda s: replace(full_contact(s), steps=2 * full_contact(s).steps)
-names_a_number = lambda s: replace(full_contact(s), fields={1: np.zeros(32)})
-is_unsure = lambda s: replace(full_contact(s), converged="yes")
-is_far_off = lambda s: replace(
-    full_contact(s), steps=(LoadStep(1e9, {}, {"gap": np.nan}),)
-)
-presses_infinitely = lambda s: replace(
-    full_contact(s), fields={"pressure": np.full(32, np.inf)}
-)
-returns_a_list = lambda s: replace(
-    full_contact(s), steps=(LoadStep(1e9, {}, {}, {}, {"a": [1]}),)
-)
-has_saved_work = lambda s: replace(full_contact(s), cost={"fft_pairs": -1})
-Runs = type("Runs", (str,), {"__reduce__": lambda _: (sys.exit, ("a name ran",))})
+def exits_with_success(_):
+    """Ends its process with exit code 0, as Fortran's STOP does."""
+    os._exit(0)
+
+
+def raises_system_exit(_):
+    sys.exit(0)
+
+
+def breaks_memory(_):
+    ctypes.string_at(0)
+
+
+def is_killed(_):
+    """Kills its process, as the system does for want of memory."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def divides_by_zero(_):
+    return 1 // 0
+
+
+def has_no_memory(_):
+    return np.empty(1 << 50)
+
+
+def returns_a_table(_):
+    return {"area": 0.1}
+
+
+def returns_another_grid(scene):
+    return replace(full_contact(scene), fields={"pressure": np.zeros(3)})
+
+
+def presses_infinitely(scene):
+    return replace(full_contact(scene), fields={"pressure": np.full(32, np.inf)})
+
+
+def leaves_no_name(scene):
+    return replace(full_contact(scene), fields={"": np.zeros(32)})
+
+
+def names_a_number(scene):
+    return replace(full_contact(scene), fields={1: np.zeros(32)})
+
+
+def has_no_steps(scene):
+    return replace(full_contact(scene), steps=())
+
+
+def answers_twice(scene):
+    result = full_contact(scene)
+    return replace(result, steps=2 * result.steps)
+
+
+def is_unsure(scene):
+    return replace(full_contact(scene), converged="yes")
+
+
+def is_far_off(scene):
+    step = LoadStep(1e9, {}, residuals={"gap": np.nan})
+    return replace(full_contact(scene), steps=(step,))
+
+
+def returns_a_list(scene):
+    step = LoadStep(1e9, {}, quantities={"a": [1]})
+    return replace(full_contact(scene), steps=(step,))
+
+
+def has_saved_work(scene):
+    return replace(full_contact(scene), cost={"fft_pairs": -1})
+
+
+class Runs(str):
+    """A name of a field that runs code if it is unpickled."""
+
+    __slots__ = ()
+
+    def __reduce__(self):
+        return sys.exit, ("a name ran",)
 
 
 def invents_its_path(scene):
-    """Pressures of the boundary elements at a last load; whatever its process computes
-    of them from then on is as invented as the figures beside them.
+    """Returns pressures of boundary elements at the last load, and invents the rest.
+
+    Its process computes invented areas from then on, too.
     """
-    own, areas = (
-        bem.solve(scene),
-        dict.fromkeys(("raw", "corrected", "error"), Areas(7, 8, -1)),
-    )
-    figures = {
+    invented = Areas(7, 8, -1)
+    areas = dict.fromkeys(("raw", "corrected", "error"), invented)
+    quantities = {
         "stiffness_loading": 1e15,
         "mean_gap": 1.0,
         "plastic_force_share": 0.5,
         "wear": 5.0,
     }
-    steps = tuple(replace(step, areas=areas, quantities=figures) for step in own.steps)
-    other = results.PressureDistribution([0.0, 2 * scene.load.final], [0.0, 0.3])
-    alone = {"pressure": own.fields["pressure"]}
-    bem.driver.estimate_areas = lambda *_, **__: (*areas.values(),)
-    return replace(own, steps=steps, distribution=other, fields=alone)
+    result = bem.solve(scene)
+    steps = [replace(step, areas=areas, quantities=quantities) for step in result.steps]
+
+    def invent_areas(*_, **__):
+        return invented, invented, invented
+
+    bem.driver.estimate_areas = invent_areas
+    return replace(
+        result,
+        steps=tuple(steps),
+        distribution=results.PressureDistribution(
+            [0.0, 2 * scene.load.final], [0.0, 0.3]
+        ),
+        fields={"pressure": result.fields["pressure"]},
+    )
 
 
 def errs_at_the_first_load(scene):
-    """Pressures of the boundary elements, at the first load those of its neighbour
-    points.
-    """
-    found, turn = bem.solve(scene), len(scene.load.path) == 1
-    return replace(found, fields={"pressure": np.roll(found.fields["pressure"], turn)})
+    """Returns pressures of the boundary elements, at the first load a point off."""
+    result = bem.solve(scene)
+    points_off = int(len(scene.load.path) == 1)
+    pressure = np.roll(result.fields["pressure"], points_off)
+    return replace(result, fields={"pressure": pressure})
 
 
 def changes_its_scene(scene):
@@ -106,16 +167,19 @@ def changes_its_scene(scene):
 
 
 def prints(scene):
-    """Fills its standard output, which is not the verdict's; a name would run if
-    unpickled.
+    """Fills its standard output, which is not the verdict's.
+
+    The name of a field would run if it were unpickled.
     """
     print("all gates hold\n" * 20000)
     os.write(1, b"\x80\x04\x95")
-    return replace(
-        f := full_contact(scene), fields={**f.fields, Runs("mine"): f.fields["gap"]}
-    )
+    result = full_contact(scene)
+    fields = {**result.fields, Runs("mine"): result.fields["gap"]}
+    return replace(result, fields=fields)
 
 
 def answers_or_dies(item):
     """A task of the pool, and not a solver."""
-    return os._exit(0) if item == "dies" else item.upper()
+    if item == "dies":
+        os._exit(0)
+    return item.upper()

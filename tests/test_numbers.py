@@ -129,63 +129,63 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     ("call", "sentence"),
     [
         (
-            lambda: Scene(SURFACE, SCENE.load, SCENE.material),
+            partial(Scene, SURFACE, SCENE.load, SCENE.material),
             "material is .*must be a Material",
         ),
         (
-            lambda: bem.solve(SCENE, start="none"),
+            partial(bem.solve, SCENE, start="none"),
             "start is 'none', but must be an array of real",
         ),
-        (lambda: bem.solve(SURFACE), r"scene is <Surface.*, but must be a Scene"),
+        (partial(bem.solve, SURFACE), r"scene is <Surface.*, but must be a Scene"),
         (
-            lambda: persson.solve("x", energy_reduction=0.5),
+            partial(persson.solve, "x", energy_reduction=0.5),
             "scene is 'x', but must be a Scene",
         ),
         (
-            lambda: persson.analytic_roughness(SPECTRUM, 0),
+            partial(persson.analytic_roughness, SPECTRUM, 0),
             "bands is 0, but must be a whole",
         ),
         (
-            lambda: persson.pressure_curve(1.0, 0.1, 1.0, 1),
+            partial(persson.pressure_curve, 1.0, 0.1, 1.0, 1),
             "points is 1, but must be a whole",
         ),
         (
-            lambda: Body("half_space", "deep"),
+            partial(Body, "half_space", "deep"),
             "depth is 'deep', .* a half_space takes no depth",
         ),
         (
-            lambda: Body("bonded_layer", depth=10**400),
+            partial(Body, "bonded_layer", depth=10**400),
             "depth is 1000*, but must be a positive",
         ),
-        (lambda: HeightsFromFile(3), "path is 3, but must be the path of a file"),
+        (partial(HeightsFromFile, 3), "path is 3, but must be the path of a file"),
         (
-            lambda: Material(1e200, 0.3),
+            partial(Material, 1e200, 0.3),
             r"young_modulus is 1e\+200 Pa, .* between 1e-40 and",
         ),
         (
-            lambda: Surface(np.ones((4, 4)), (1.0,)),
+            partial(Surface, np.ones((4, 4)), (1.0,)),
             "periods has 1 lengths for heights of 2",
         ),
         (
-            lambda: SelfAffineSpectrum(0.8, 2, 1, 4, 0.1),
+            partial(SelfAffineSpectrum, 0.8, 2, 1, 4, 0.1),
             "wavenumber_high is needed, got 2, 1, 4",
         ),
-        (lambda: fem_solve(3), "scene is 3, but must be a Scene"),
+        (partial(fem_solve, 3), "scene is 3, but must be a Scene"),
         (
-            lambda: Sphere((1.0, 1.0), (8, 8), 0),
+            partial(Sphere, (1.0, 1.0), (8, 8), 0),
             "radius is 0, but must be a positive number in m$",
         ),
-        (lambda: verify(3), "cases has 3, but must be names, paths or loaded cases"),
+        (partial(verify, 3), "cases has 3, but must be names, paths or loaded cases"),
         (
-            lambda: verify("bearing-area", jobs=0),
+            partial(verify, "bearing-area", jobs=0),
             "jobs is 0, but must be a whole number of at",
         ),
         (
-            lambda: verify("bearing-area", fields="some"),
+            partial(verify, "bearing-area", fields="some"),
             "fields is 'some', .* one of none, first",
         ),
         (
-            lambda: verify("bearing-area", precision="half"),
+            partial(verify, "bearing-area", precision="half"),
             "precision is 'half', .* of single, d",
         ),
     ],
