@@ -24,7 +24,7 @@ from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
-from epcontact.output.loads import load_charts
+from epcontact.pictures.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
 from epcontact.scene import Load, Material, Scene, Surface

@@ -223,7 +223,7 @@ def test_the_scene_is_shown_as_it_was_read(ran, tmp_path):
     (case,) = json.loads((ran.home / "verdict.json").read_text())["cases"]
     fields = ("status", "value", "reference", "difference", "band")
     assert places == [
-        [field, "shown", g["quantity"], g["of"], report.number(g["against"])]
+        [field, "shown", g["quantity"], g["of"], report.number_text(g["against"])]
         for g in case["gates"]
         for field in fields
     ]
@@ -613,9 +613,11 @@ def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
 
 def test_a_long_path_and_missing_numbers_in_words():
     path = [1e3 * n for n in range(1, 12)]
-    assert report.shown(path[:8], "Pa") == "1, 2, 3, 4, 5, 6, 7, 8 kPa"
-    assert report.shown(path, "Pa") == "1, 2, 3, … 7 more …, 11 kPa"
-    numbers = [report.number(v) for v in (1.23456, "inf", math.nan, None, "words", 0)]
+    assert report.value_text(path[:8], "Pa") == "1, 2, 3, 4, 5, 6, 7, 8 kPa"
+    assert report.value_text(path, "Pa") == "1, 2, 3, … 7 more …, 11 kPa"
+    numbers = [
+        report.number_text(v) for v in (1.23456, "inf", math.nan, None, "words", 0)
+    ]
     assert numbers == ["1.235", "inf", "–", "", "words", "0"]
 
 

@@ -30,59 +30,73 @@ from epcontact.results import ELASTIC, PLASTIC
 
 #: Largest number of points along a drawn surface; finer grids are drawn with a stride.
 POINTS = 900
-#: Drawn depth of the valleys as a share of the period, if no factor is given.
+#: Drawn depth of the valleys over the period, if no factor is given.
 RELIEF = 0.08
-#: Largest drawn displacement of a block as a share of its width, if no factor is given.
+#: Largest drawn displacement of a block over its width, if no factor is given.
 SHOWN = 0.04
+#: A factor must be at most so many times that which is taken if none is given.
+_LARGEST_FACTOR = 1000
 #: Largest number of faces of a block with drawn element edges; more edges would blacken
 #: it.
 EDGES = 20_000
 TEXT = {"color": "black", "font": "arial", "font_size": 11}
+#: The quantile of the gap that stands for the depth of typical valleys.
+_TYPICAL_DEPTH = 0.98
 
+#: Ends of the colour scales: the pressure (Pa) of a surface; the stress (Pa), or the
+#: pressure, and the strain, or the gap (m), of a block.
 Limits = tuple[float, ...]
 
 
 def draw(
     sources: Sequence[Path], size: tuple[int, int] | None, factor: float | None
 ) -> list[Image.Image]:
-    """Draw each file as a picture, in one scale; without a size, show the file in a
-    window.
+    """Draw each file as a picture, in one scale; without a size, show it in a window.
+
+    Args:
+        sources: files of one kind, .vti or .vtu.
+        size: width and height of the pictures in pixels; None: a window.
+        factor: stretches the heights or displacements; None: by a round number that
+            makes those of all files visible.
+
+    Returns:
+        A picture for each file; none if they were shown in windows.
+
+    Raises:
+        OutputError: if a file cannot be read, if the factor is not positive or far too
+            large, or if VTK cannot draw on this machine.
     """
-    surfaces = sources[0].suffix == ".vti"
+    functions: tuple[Any, Any, Any] = (read_block, block_scale, draw_block)
+    if sources[0].suffix == ".vti":
+        functions = (read_fields, surface_scale, draw_surface)
+    read_file, scale_of, paint = functions
     # A single file is read once; a film reads each file twice, to hold one at a time.
-    read = functools.lru_cache(maxsize=1)(read_fields if surfaces else read_block)
-    scale, paint = (
-        (surface_scale, draw_surface) if surfaces else (block_scale, draw_block)
-    )
+    read = functools.lru_cache(maxsize=1)(read_file)
     frames = []
     with pv.vtk_verbosity("off"):  # of the ways to draw that VTK tries in vain
-        scales = [scale(read(source)) for source in sources]
-        usual = min(each for each, _ in scales)
-        chosen = usual if factor is None else factor
-        if not 0 < chosen <= 1000 * usual:  # nor that of NaN
+        scales = [scale_of(read(source)) for source in sources]
+        usual_factor = min(each for each, _ in scales)
+        if factor is None:
+            factor = usual_factor
+        largest_factor = _LARGEST_FACTOR * usual_factor
+        if not 0 < factor <= largest_factor:  # nor NaN
             raise OutputError(
-                f"the factor must be positive and here at most {1000 * usual:g}"
+                f"the factor must be positive and here at most {largest_factor:g}"
             )
         limits = tuple(np.max([each for _, each in scales], axis=0).tolist())
         for source in sources:
             plotter = _plotter(size)
-            paint(plotter, read(source), chosen, limits)
+            paint(plotter, read(source), factor, limits)
             if size is None:
                 plotter.link_views()
                 plotter.show(title="epcontact")
-                continue
-            frame = np.asarray(plotter.screenshot(None, return_img=True))
-            plotter.close()
-            if np.ptp(frame) == 0:
-                raise OutputError(
-                    "VTK draws on this machine, but its pictures are blank"
-                )
-            frames.append(Image.fromarray(frame))
+            else:
+                frames.append(_picture(plotter))
     return frames
 
 
 def _plotter(size: tuple[int, int] | None) -> Any:
-    """Make a white window with two panels, off the screen if it has a size."""
+    """Return a white window with two panels, off the screen if it has a size."""
     plotter = pv.Plotter(
         off_screen=size is not None, window_size=size, shape=(1, 2), border=False
     )
@@ -100,47 +114,64 @@ def _plotter(size: tuple[int, int] | None) -> Any:
     return plotter
 
 
-def round_factor(shown: float, length: float) -> float:
-    """Round shown/length down to 1, 2 or 5 times a power of ten; between 0.7 and 2
-    return 1.
+def _picture(plotter: Any) -> Image.Image:
+    """Return what was drawn, and close the plotter."""
+    pixels = np.asarray(plotter.screenshot(None, return_img=True))
+    plotter.close()
+    if np.ptp(pixels) == 0:
+        raise OutputError("VTK draws on this machine, but its pictures are blank")
+    return Image.fromarray(pixels)
+
+
+def round_factor(drawn: float, length: float) -> float:
+    """Return the factor by which a length is drawn, a round number.
+
+    Args:
+        drawn: the length that would be well visible.
+        length: the true length in the same unit.
+
+    Returns:
+        drawn / length rounded down to 1, 2 or 5 times a power of ten; 1 if the quotient
+        is between 0.7 and 2, infinite or no number.
     """
-    value = shown / length if length > 0 else 1.0
-    if not 0 < value < np.inf or 0.7 <= value < 2:
+    factor = 1.0
+    if length > 0:
+        factor = drawn / length
+    if not 0 < factor < np.inf or 0.7 <= factor < 2:
         return 1.0
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)))
+    power = 10.0 ** np.floor(np.log10(factor))
+    digits = [digit for digit in (1, 2, 5) if digit * power <= factor * (1 + 1e-12)]
+    return float(power * max(digits))
+
+
+# --- surfaces
+# ---------------------------------------------------------------------------
 
 
 def surface_scale(file: FieldFile) -> tuple[float, Limits]:
-    """Return a factor that shows typical valleys, and the upper end of the pressure
-    scale.
+    """Return a factor that shows typical valleys, and the end of the pressure's scale
+    (Pa).
     """
-    depth = float(np.quantile(file.field("gap")[::4], 0.98))
-    top = (
-        file.hardness
-        if np.isfinite(file.hardness)
-        else float(file.field("pressure").max())
-    )
-    return round_factor(RELIEF * max(file.periods), depth), (top or 1.0,)
+    depth = float(np.quantile(file.field("gap")[::4], _TYPICAL_DEPTH))
+    largest = file.hardness
+    if not np.isfinite(largest):
+        largest = float(file.field("pressure").max())
+    return round_factor(RELIEF * max(file.periods), depth), (largest or 1.0,)
 
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
-    """Draw the contact state and the pressure on the deformed surface, under the flat
-    at z = 0.
+    """Draw contact state and pressure on the deformed surface, under the flat at z = 0.
+
+    Args:
+        plotter: the window of pyvista.
+        file: the fields of the surface.
+        factor: stretches the heights.
+        limits: the end of the pressure's scale (Pa).
     """
     scale, unit = unit_for(max(file.periods), "m")
-    top_scale, top_unit = unit_for(limits[0], "Pa")
-    mesh = _surface(file, factor, scale, top_scale)
-    states = file.field("state")
-    keys = [
-        (
-            f"{STATE_NAMES[kind]} {100 * np.mean(states == kind):.2f} %",
-            style.STATE_COLOURS[kind],
-        )
-        for kind in (ELASTIC, PLASTIC)
-    ]
-    mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / top_scale
-    state: dict[str, Any] = {
+    pressure_scale, pressure_unit = unit_for(limits[0], "Pa")
+    mesh = _surface_mesh(file, factor, scale, pressure_scale)
+    state_look: dict[str, Any] = {
         "cmap": list(style.STATE_COLOURS.values()),
         "clim": (-0.5, 2.5),
         # The colours are interpolated, not the states: otherwise an elastic rim would
@@ -148,91 +179,118 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         "interpolate_before_map": False,
         "show_scalar_bar": False,
     }
-    pressure: dict[str, Any] = {
+    pressure_look: dict[str, Any] = {
         "cmap": style.PRESSURE_MAP,
-        "clim": (0.0, limits[0] / top_scale),
+        "clim": (0.0, limits[0] / pressure_scale),
         "nan_color": "white",
-        "scalar_bar_args": _bar(f"pressure ({top_unit}), white: none"),
+        "scalar_bar_args": _colour_bar(f"pressure ({pressure_unit}), white: none"),
     }
     sides = " × ".join(f"{length / scale:.4g}" for length in file.periods)
-    titles = {
-        "state": f"Contact (shares of grid points): {sides} {unit}, heights × {factor:.3g}",
-        "pressure": f"Contact pressure, mean {mean:.4g} {top_unit}",
-    }
+    mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / pressure_scale
+    state_title = (
+        f"Contact (shares of grid points): {sides} {unit}, heights × {factor:.3g}"
+    )
+    pressure_title = f"Contact pressure, mean {mean:.4g} {pressure_unit}"
     shading = {
         "smooth_shading": True,
         "ambient": 0.45,
         "diffuse": 0.55,
         "specular": 0.0,
     }
-    for column, (name, look) in enumerate((("state", state), ("pressure", pressure))):
+    panels = (
+        ("state", state_look, state_title),
+        ("pressure", pressure_look, pressure_title),
+    )
+    for column, (name, look, title) in enumerate(panels):
         plotter.subplot(0, column)
         plotter.add_mesh(mesh.copy(), scalars=name, **look, **shading)
-        plotter.add_text(titles[name], **TEXT)
+        plotter.add_text(title, **TEXT)
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
     plotter.subplot(0, 0)
+    states = file.field("state")
+    entries = []
+    for kind in (ELASTIC, PLASTIC):
+        percentage = 100 * np.mean(states == kind)
+        label = f"{STATE_NAMES[kind]} {percentage:.2f} %"
+        entries.append((label, style.STATE_COLOURS[kind]))
     plotter.add_legend(
-        keys, face="rectangle", loc="lower center", size=(0.22, 0.075), bcolor=None
+        entries, face="rectangle", loc="lower center", size=(0.22, 0.075), bcolor=None
     )
 
 
-def _surface(file: FieldFile, factor: float, scale: float, top_scale: float) -> Any:
-    """Return the deformed surface with state and pressure, lengths and pressures over
-    scales.
+def _surface_mesh(
+    file: FieldFile, factor: float, scale: float, pressure_scale: float
+) -> Any:
+    """Return the deformed surface with state and pressure.
+
+    Args:
+        file: the fields of the surface.
+        factor: stretches the heights.
+        scale: lengths are divided by this number (m).
+        pressure_scale: pressures are divided by this number (Pa).
     """
-    step = max(1, -(-max(file.shape) // POINTS))
-    gap, state, pressure = (
-        np.asarray(file.field(name)[::step, ::step], dtype=kind)
-        for name, kind in (
-            ("gap", np.float64),
-            ("state", np.intp),
-            ("pressure", np.float64),
-        )
-    )
-    axes = [
-        np.append(np.arange(n) * (d * step), period)
-        / scale  # the first points follow once more
-        for n, d, period in zip(gap.shape, file.spacing, file.periods, strict=True)
-    ]
-    gap, state, pressure = (
-        np.pad(field, (0, 1), mode="wrap") for field in (gap, state, pressure)
-    )
+    stride = max(1, -(-max(file.shape) // POINTS))
+
+    def drawn(name: str, kind: type) -> np.ndarray:
+        field: np.ndarray = np.asarray(file.field(name)[::stride, ::stride], dtype=kind)
+        return np.pad(field, (0, 1), mode="wrap")  # the first points follow once more
+
+    gap = drawn("gap", np.float64)
+    pressure = drawn("pressure", np.float64)
+    axes = []
+    for count, distance, period in zip(
+        gap.shape, file.spacing, file.periods, strict=True
+    ):
+        points = np.arange(count - 1) * (distance * stride)
+        axes.append(np.append(points, period) / scale)
     # Points in contact touch the flat, also where flow has cut off the peaks.
     height = -np.maximum(gap, 0.0) / scale
     mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
-    mesh["state"] = state.ravel(order="F")
+    mesh["state"] = drawn("state", np.intp).ravel(order="F")
     # Points without contact are NaN, not zero, so that they are white.
-    mesh["pressure"] = np.where(pressure > 0, pressure / top_scale, np.nan).ravel(
-        order="F"
-    )
+    scaled = np.where(pressure > 0, pressure / pressure_scale, np.nan)
+    mesh["pressure"] = scaled.ravel(order="F")
     return mesh
 
 
 def _look_down(plotter: Any, mesh: Any) -> None:
     """Draw the frame of the rigid flat, with camera and light above the near corner."""
     x0, x1, y0, y1, *_ = mesh.bounds
-    corners = np.array(
-        [[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]]
-    )
-    plotter.add_mesh(pv.lines_from_points(corners), color="#555555", line_width=2)
+    corners = [[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]]
+    frame = pv.lines_from_points(np.array(corners))
+    plotter.add_mesh(frame, color="#555555", line_width=2)
+    longer_side = max(x1 - x0, y1 - y0)
     # The longer side of an oblong is drawn as long as a square's, so that its labels
     # have room.
-    zoom = 0.9 * float(np.hypot(x1 - x0, y1 - y0)) / (2**0.5 * max(x1 - x0, y1 - y0))
+    zoom = 0.9 * float(np.hypot(x1 - x0, y1 - y0)) / (2**0.5 * longer_side)
     _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), zoom)
     plotter.camera.SetWindowCenter(0.0, -0.25)
     plotter.remove_all_lights()
     direction = np.array([-1.0, -0.5, 1.0])
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
-    position = middle + 10 * max(x1 - x0, y1 - y0) * direction
-    # At this intensity the flat contact shows its true colours.
-    bright = float(np.linalg.norm(direction) / direction[2])
-    look = {"position": tuple(position), "focal_point": tuple(middle), "light_type": 3}
-    plotter.add_light(pv.Light(intensity=bright, **look))
+    position = middle + 10 * longer_side * direction
+    light = pv.Light(
+        position=tuple(position),
+        focal_point=tuple(middle),
+        light_type=3,
+        # At this intensity the flat contact shows its true colours.
+        intensity=float(np.linalg.norm(direction) / direction[2]),
+    )
+    plotter.add_light(light)
+
+
+# --- blocks
+# ---------------------------------------------------------------------------
 
 
 def read_block(source: Path) -> Any:
-    """Read the mesh of a .vtu that holds a stress or a strain."""
+    """Return the mesh of a .vtu.
+
+    Raises:
+        OutputError: if the file cannot be read, is damaged, or holds neither stress nor
+            strain.
+    """
     if not source.is_file():
         raise OutputError(f"cannot read {source}: there is no such file")
     mesh = read_quietly(source, "vtkXMLUnstructuredGridReader")
@@ -247,131 +305,164 @@ def read_block(source: Path) -> Any:
 
 
 def _field_names(mesh: Any) -> tuple[str, str, str]:
-    """Return the names of displacement, von Mises stress and plastic strain, of a
-    surface those of its contact pressure and gap in their place; empty if absent.
+    """Return the names of displacement, von Mises stress and plastic strain.
+
+    For a surface mesh without stress and strain they are the displacement, the contact
+    pressure and the gap.  A name is "" if the mesh has no such field.
     """
-    points, names = mesh.point_data, [*mesh.point_data.keys(), *mesh.cell_data.keys()]
-    top = {"contact_pressure", "gap"} <= {*points.keys()}
-    moves = (n for n in names if n.lower() in ("displacement", "u") and n in points)
-    return (
-        next((n for n in moves if points[n].shape[1:] == (3,)), ""),
-        next((n for n in names if "mises" in n.lower()), "contact_pressure" * top),
-        next(
-            (n for n in names if "plastic" in n.lower() and "strain" in n.lower()),
-            "gap" * top,
-        ),
-    )
+    displacement, stress, strain = "", "", ""
+    points = mesh.point_data
+    if "contact_pressure" in points and "gap" in points:
+        stress, strain = "contact_pressure", "gap"
+    # The first field of each kind counts.
+    for name in reversed([*points.keys(), *mesh.cell_data.keys()]):
+        word = name.lower()
+        is_vector = name in points and points[name].shape[1:] == (3,)
+        if word in ("displacement", "u") and is_vector:
+            displacement = name
+        if "mises" in word:
+            stress = name
+        if "plastic" in word and "strain" in word:
+            strain = name
+    return displacement, stress, strain
 
 
 def block_scale(mesh: Any) -> tuple[float, Limits]:
-    """Return a factor that shows the deformation, the largest stress (Pa) and plastic
-    strain.
+    """Return a factor that shows the deformation of a block, and the largest stress
+    (Pa) and plastic strain.
     """
-    displacement, *shown = _field_names(mesh)
-    fields = (
-        mesh.get_array(name, preference="point") if name else 0.0 for name in shown
-    )
-    limits = tuple(float(np.max(field, initial=0.0)) for field in fields)
-    largest = (
-        float(np.abs(mesh.point_data[displacement]).max()) if displacement else 0.0
-    )
+    displacement, *scalars = _field_names(mesh)
+    limits = []
+    for name in scalars:
+        largest = 0.0
+        if name:
+            values = mesh.get_array(name, preference="point")
+            largest = float(np.max(values, initial=0.0))
+        limits.append(largest)
+    moved = 0.0
+    if displacement:
+        moved = float(np.abs(mesh.point_data[displacement]).max())
     x0, x1, y0, y1, *_ = mesh.bounds
-    return round_factor(SHOWN * max(x1 - x0, y1 - y0), largest), limits
+    return round_factor(SHOWN * max(x1 - x0, y1 - y0), moved), tuple(limits)
 
 
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
-    """Draw von Mises stress and plastic strain on the block without its front
-    quarter.
+    """Draw von Mises stress and plastic strain on a block without its front quarter.
+
+    Args:
+        plotter: the window of pyvista.
+        mesh: the block, or a surface mesh, which is drawn as it is.
+        factor: stretches the displacements.
+        limits: the ends of the scales of stress (Pa) and strain.
     """
     displacement, stress, strain = _field_names(mesh)
-    x0, x1, y0, y1, *_ = mesh.bounds
-    centres = np.asarray(mesh.cell_centers().points)
-    # Whole elements are removed.  The shift keeps those on the cut despite rounding.
-    x, y = (x0 + x1) / 2 - 1e-6 * (x1 - x0), (y0 + y1) / 2 - 1e-6 * (y1 - y0)
-    flat = mesh.get_cell(0).dimension == 2
-    behind = flat | (centres[:, 0] >= x) | (centres[:, 1] >= y)
-    opened = mesh.extract_cells(np.flatnonzero(behind))
-    scale, unit = unit_for(
-        float(np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1).max()), "m"
+    stress_title, strain_title = "von Mises stress", "equivalent plastic strain"
+    stress_scale, stress_unit = unit_for(limits[0], "Pa")
+    strain_scale, strain_unit = 1.0, "-"
+    if strain == "gap":
+        stress_title, strain_title = "contact pressure", "gap"
+        strain_scale, strain_unit = unit_for(limits[1], "m")
+    panels = (
+        (stress, stress_title, stress_scale, stress_unit, style.STRESS_MAP),
+        (strain, strain_title, strain_scale, strain_unit, "cividis"),
     )
+    sides = np.ptp(np.reshape(mesh.bounds, (3, 2)), axis=1)
+    scale, unit = unit_for(float(sides.max()), "m")
     # The axes are those of the body at rest, as its coordinates are.
-    rest = [end / scale for end in mesh.bounds]
+    bounds_at_rest = [end / scale for end in mesh.bounds]
+    axes = "xyz"
+    opened = mesh.extract_cells(_cells_behind_cut(mesh))
+    if mesh.get_cell(0).dimension == 2:
+        axes = "xy"
+        opened = mesh.copy()
     if displacement:
         opened = opened.warp_by_vector(displacement, factor=factor)
     opened.points = np.asarray(opened.points, dtype=np.float64) / scale
     skin = opened.extract_surface(nonlinear_subdivision=1, algorithm="dataset_surface")
-    stress_scale, stress_unit = unit_for(limits[0], "Pa")
-    kind, of_gap, gap_unit = "von Mises stress", 1.0, "-"
-    if strain == "gap":
-        kind, (of_gap, gap_unit) = "contact pressure", unit_for(limits[1], "m")
-    other = "equivalent plastic strain" if kind.startswith("von") else "gap"
-    panels = (
-        (stress, stress_scale, limits[0], f"{kind} ({stress_unit})", style.STRESS_MAP),
-        (strain, of_gap, limits[1], f"{other} ({gap_unit})", "cividis"),
-    )
     edges = {
         "show_edges": skin.n_cells <= EDGES,
         "edge_color": "#404040",
         "edge_opacity": 0.35,
     }
     shading = {"ambient": 0.5, "diffuse": 0.55, "specular": 0.0}
-    for column, (name, divisor, top, title, colours) in enumerate(panels):
+    for column, (name, title, value_scale, value_unit, colours) in enumerate(panels):
         plotter.subplot(0, column)
         if name:
             # Of a field that points and cells hold, that of the points is drawn.
-            shown = skin.get_array(name, preference="point") / divisor
-            look = {"clim": (0.0, top / divisor or 1.0), "cmap": colours}
-            bar = {"scalar_bar_args": _bar(title)}
+            values = skin.get_array(name, preference="point") / value_scale
             plotter.add_mesh(
-                skin.copy(), scalars=shown, **look, **bar, **edges, **shading
+                skin.copy(),
+                scalars=values,
+                clim=(0.0, limits[column] / value_scale or 1.0),
+                cmap=colours,
+                scalar_bar_args=_colour_bar(f"{title} ({value_unit})"),
+                **edges,
+                **shading,
             )
         else:
             plotter.add_mesh(skin, color="#d9d9d9")
-            plotter.add_text(f"no {title.partition(' (')[0]} in the file", **TEXT)
+            plotter.add_text(f"no {title} in the file", **TEXT)
         _frame_view(plotter, opened.bounds, (-0.9, -1.3, 1.1), 0.8)
         plotter.camera.SetWindowCenter(0.0, -0.2)
-        _mark_lengths(plotter, rest, unit, "xy" if flat else "xyz")
-    shape = f"displacements × {factor:.3g}" if displacement else "undeformed"
-    size = " × ".join(
-        f"{length:.4g}" for length in np.ptp(np.reshape(rest, (3, 2)), axis=1)
-    )
+        _mark_lengths(plotter, bounds_at_rest, unit, axes)
+    shape = "undeformed"
+    if displacement:
+        shape = f"displacements × {factor:.3g}"
+    size = " × ".join(f"{side / scale:.4g}" for side in sides)
     plotter.subplot(0, 0)
     plotter.add_text(f"{size} {unit}, {shape}", **TEXT)
 
 
-def _bar(title: str) -> dict[str, Any]:
+def _cells_behind_cut(mesh: Any) -> np.ndarray:
+    """Return the indices of the cells of a block without its front quarter."""
+    x0, x1, y0, y1, *_ = mesh.bounds
+    centres = np.asarray(mesh.cell_centers().points)
+    # The shift keeps whole elements on the cut despite rounding.
+    x = (x0 + x1) / 2 - 1e-6 * (x1 - x0)
+    y = (y0 + y1) / 2 - 1e-6 * (y1 - y0)
+    return np.flatnonzero((centres[:, 0] >= x) | (centres[:, 1] >= y))
+
+
+# --- both
+# ---------------------------------------------------------------------------
+
+
+def _colour_bar(title: str) -> dict[str, Any]:
     """Return the settings of a colour bar below the picture."""
-    place = {"width": 0.5, "height": 0.07, "position_x": 0.25, "position_y": 0.02}
-    text = {
+    return {
+        "title": f"{title}\n",
+        "n_labels": 4,
+        "width": 0.5,
+        "height": 0.07,
+        "position_x": 0.25,
+        "position_y": 0.02,
         "color": "black",
         "fmt": "%.3g",
         "title_font_size": 18,
         "label_font_size": 15,
     }
-    return {"title": title + "\n", "n_labels": 4, **place, **text}
 
 
 def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
-    """Draw axes with ticks along the outer edges; stretched heights have no axis."""
-    largest = float(np.max(np.abs(bounds)))
+    """Draw axes with ticks along the outer edges.
+
+    Args:
+        plotter: the window of pyvista.
+        bounds: the bounds of the body, in the unit.
+        unit: the unit of lengths.
+        axes: the axes that are drawn, such as "xy"; stretched heights have no axis.
+    """
     unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
-    shown = {
-        f"show_{axis}{what}": axis in axes
-        for axis in "xyz"
-        for what in ("axis", "labels")
-    }
-    # Not an empty title, of which VTK would complain.
-    titles = {
-        f"{axis}title": f"{axis} ({unit})" if axis in axes else " " for axis in "xyz"
-    }
-    labels = {f"n_{axis}labels": 3 for axis in "xyz"} | {"fmt": "%.3g", "font_size": 11}
+    look: dict[str, Any] = {"location": "outer", "ticks": "outside"}
+    look |= {"color": "#303030", "fmt": "%.3g", "font_size": 11}
+    for axis in "xyz":
+        look[f"show_{axis}axis"] = axis in axes
+        look[f"show_{axis}labels"] = axis in axes
+        look[f"n_{axis}labels"] = 3
+        # Not an empty title, of which VTK would complain.
+        look[f"{axis}title"] = f"{axis} ({unit})" if axis in axes else " "
+    largest = float(np.max(np.abs(bounds)))
     ends = [round(end / largest, 3) * largest + 0.0 for end in bounds]
-    look = (
-        {"location": "outer", "ticks": "outside", "color": "#303030"}
-        | shown
-        | titles
-        | labels
-    )
     drawn = plotter.show_bounds(bounds=bounds, axes_ranges=ends, **look)
     drawn.SetEnableDistanceLOD(False)  # which hides the labels of the far end
 
@@ -379,15 +470,17 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
 def _frame_view(
     plotter: Any, bounds: Any, towards: Sequence[float], zoom: float
 ) -> None:
-    """Look at the middle of `bounds` from the direction `towards`, with room for a bar
-    below.
+    """Look at the middle of a body, with room for a colour bar below.
+
+    Args:
+        plotter: the window of pyvista.
+        bounds: the bounds of the body.
+        towards: the direction from the middle of the body to the camera.
+        zoom: more than 1 brings the body nearer.
     """
     middle = (np.asarray(bounds[0::2]) + np.asarray(bounds[1::2])) / 2
-    plotter.camera_position = [
-        tuple(middle + np.asarray(towards)),
-        tuple(middle),
-        (0, 0, 1),
-    ]
+    position = tuple(middle + np.asarray(towards))
+    plotter.camera_position = [position, tuple(middle), (0, 0, 1)]
     plotter.reset_camera(bounds=bounds)
     plotter.camera.zoom(zoom)
     plotter.camera.SetWindowCenter(0.0, -0.1)

@@ -1,5 +1,4 @@
-"""The report of a verification run: one self-contained HTML page of verdict, answers,
-pictures.
+"""The report of a verification: one self-contained HTML page.
 
 The template `report.html.jinja` beside this file is filled with the content of
 `verdict.json`, of the methods' JSON files and of the pictures beside them; jinja2
@@ -12,7 +11,6 @@ from __future__ import annotations
 
 import base64
 import collections
-import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -38,6 +36,10 @@ Data = Mapping[str, Any]  # the content of a JSON file
 Draw = Callable[[str, Mapping[str, Data], Path], Pictures]
 
 _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
+#: The statuses of cases in the order in which the page counts them.
+_STATUSES = ("holds", "falls short", "error", "skipped")
+#: A longer list of numbers is shown by its first three and its last.
+_LONGEST_LIST = 8
 
 
 def report_folder(
@@ -96,9 +98,19 @@ def write_report(
     notes: Sequence[str] = (),
     overview: Data | None = None,
 ) -> None:
-    """Write the page of a verdict, of the answers by case and method, and of pictures
-    by case.  A picture has the data of its file as a `uri`, and a `caption`; the
-    overview comes first.
+    """Write the page of a verification.
+
+    Args:
+        path: the page to write.
+        verdict: the content of verdict.json.
+        results: the content of the methods' JSON files, by case and method.
+        pictures: the pictures of each case.  One has the data of its file as a `uri`,
+            and a `caption`.
+        notes: sentences for the top of the page.
+        overview: the first screen, see `harness.verdict.overview`; None: there is none.
+
+    Raises:
+        OutputError: if the page cannot be written.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("epcontact.output", ""),
@@ -108,100 +120,139 @@ def write_report(
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "number": number,
+        "number": number_text,
         "counts": _counts,
-        "listed": lambda values: ", ".join(
-            f"{name} {value}" for name, value in values.items()
-        ),
+        "listed": _listed,
         "load_cells": load_cells,
-        "computed": _computed,
-        "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('. ')}.",
+        "computed": _scene_rows,
+        "sentence": _sentence,
         "notes": _notes,
     }
-    statuses = collections.Counter(case["status"] for case in verdict["cases"])
-    order = ("holds", "falls short", "error", "skipped")
-    counts = ", ".join(f"{statuses[s]} {s}" for s in order if statuses[s])
-    told = {
-        "verdict": verdict,
-        "results": results,
-        "pictures": pictures or {},
-        "notes": notes,
-    }
-    told["overview"] = overview or {}
-    page = environment.get_template("report.html.jinja").render(counts=counts, **told)
-    write_text(path, page + "\n")
+    cases = collections.Counter(case["status"] for case in verdict["cases"])
+    counts = [f"{cases[status]} {status}" for status in _STATUSES if cases[status]]
+    page = environment.get_template("report.html.jinja").render(
+        verdict=verdict,
+        results=results,
+        pictures=pictures or {},
+        notes=notes,
+        overview=overview or {},
+        counts=", ".join(counts),
+    )
+    write_text(path, f"{page}\n")
 
 
-def number(value: Any, digits: int = 4) -> str:
-    """Return a number of a JSON file as text, other text unchanged, '' for a missing
-    value.
+def number_text(value: Any, digits: int = 4) -> str:
+    """Return a number of a JSON file as text.
+
+    Args:
+        value: a number, or a text such as "inf" that stands for one.
+        digits: the number of significant digits.
+
+    Returns:
+        The number; "–" for NaN, "" for a missing value, and any other text unchanged.
     """
     try:
-        parsed = float(value)
+        number = float(value)
     except (TypeError, ValueError, jinja2.UndefinedError):
-        return "" if value is None else str(value)
-    return "–" if math.isnan(parsed) else f"{parsed:.{digits}g}"
+        if value is None:
+            return ""
+        return str(value)
+    if math.isnan(number):
+        return "–"
+    return f"{number:.{digits}g}"
 
 
-def shown(value: Any, unit: str) -> str:
-    """Return a figure of a scene in words: with a unit that suits it, lists as
-    dimensions.
+def value_text(value: Any, unit: str) -> str:
+    """Return a value that describes a scene as text.
+
+    Args:
+        value: a number, a list of numbers, or words.
+        unit: the SI unit of the numbers; "–" for numbers without one, "" for words.
+
+    Returns:
+        The value with a prefixed unit that suits it.  Lists of pressures are joined by
+        commas, others as dimensions, and "none" stands for a value that is not finite.
     """
     if unit == "" or isinstance(value, bool):
         return str(value)
-    values = [float(one) for one in (value if isinstance(value, list) else [value])]
+    numbers = value if isinstance(value, list) else [value]
+    values = [float(number) for number in numbers]
     if not all(map(math.isfinite, values)):
-        return "none"  # an infinite hardness or yield stress is none
-    scale, named = (1.0, "") if unit == "–" else unit_for(max(map(abs, values)), unit)
-    digits = 9 if unit == "–" and isinstance(value, list) else 4
-    texts = [f"{one / scale:.{digits}g}" for one in values]
-    if len(texts) > 8:
+        return "none"  # such as an infinite hardness
+    scale, prefixed_unit = 1.0, ""
+    if unit != "–":
+        scale, prefixed_unit = unit_for(max(map(abs, values)), unit)
+    digits = 4
+    if unit == "–" and isinstance(value, list):
+        digits = 9  # numbers of grid points
+    texts = [f"{number / scale:.{digits}g}" for number in values]
+    if len(texts) > _LONGEST_LIST:
         texts = [*texts[:3], f"… {len(texts) - 4} more …", texts[-1]]
-    return f"{(', ' if unit == 'Pa' else ' × ').join(texts)} {named}".rstrip()
+    separator = " × "
+    if unit == "Pa":
+        separator = ", "
+    return f"{separator.join(texts)} {prefixed_unit}".rstrip()
+
+
+def _sentence(text: str) -> str:
+    """Return a text with a capital letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('. ')}."
+
+
+def _listed(values: Data) -> str:
+    """Return names and values in one line."""
+    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
-    """Return names and numbers in one line."""
-    shown = {k.replace("_", " "): v for k, v in values.items() if k not in without}
-    return ", ".join(f"{name} {number(value, digits)}" for name, value in shown.items())
-
-
-def _computed(answers: Mapping[str, Data]) -> list[dict[str, Any]]:
-    """Return the scene that the methods answered, one row for each of its figures."""
-    told = (answer["provenance"].get("about") for answer in answers.values())
-    rows = [
-        {"name": name, **entry, "shown": shown(entry["value"], entry["unit"])}
-        for name, entry in next(filter(None, told), {}).items()
+    """Return names and numbers in one line, without some of them."""
+    texts = [
+        f"{name.replace('_', ' ')} {number_text(value, digits)}"
+        for name, value in values.items()
+        if name not in without
     ]
-    labels = (answer["ensemble"]["surfaces"] for answer in answers.values())
+    return ", ".join(texts)
+
+
+def _scene_rows(results: Mapping[str, Data]) -> list[dict[str, Any]]:
+    """Return the scene that the methods solved, one row for each value.
+
+    A row has the `name`, the `value`, its `meaning` and its text as `shown`.
+    """
+    rows: list[dict[str, Any]] = []
+    for result in results.values():
+        description = result["provenance"].get("about")
+        if description:
+            for name, entry in description.items():
+                text = value_text(entry["value"], entry["unit"])
+                rows.append({"name": name, **entry, "shown": text})
+            break
+    labels = (result["ensemble"]["surfaces"] for result in results.values())
     surfaces = max(labels, key=len, default=())
     if rows and len(surfaces) > 1:
-        words = f"{len(surfaces)} ({', '.join(surfaces)}); the figures above are of the first"
-        rows.append(
-            {
-                "name": "surfaces",
-                "value": surfaces,
-                "meaning": "surfaces",
-                "shown": words,
-            }
-        )
+        row = {"name": "surfaces", "value": surfaces, "meaning": "surfaces"}
+        text = f"{len(surfaces)} ({', '.join(surfaces)})"
+        row["shown"] = f"{text}; the figures above are of the first"
+        rows.append(row)
     return rows
 
 
-def _notes(answers: Mapping[str, Data]) -> list[str]:
+def _notes(results: Mapping[str, Data]) -> list[str]:
     """Return each note of the methods once, with the methods that gave it."""
-    methods: dict[str, dict[str, None]] = {}
-    for method, answer in answers.items():
-        for note in itertools.chain.from_iterable(
-            one["notes"] for one in answer["members"]
-        ):
-            methods.setdefault(note, {})[method] = None
-    return [f"Note by {', '.join(names)}: {note}." for note, names in methods.items()]
+    methods_by_note: dict[str, dict[str, None]] = {}
+    for method, result in results.items():
+        for member in result["members"]:
+            for note in member["notes"]:
+                methods_by_note.setdefault(note, {})[method] = None
+    return [
+        f"Note by {', '.join(methods)}: {note}."
+        for note, methods in methods_by_note.items()
+    ]
 
 
 def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
-    """Return the data and the captions of pictures, as .svg where there are several
-    kinds of one.
+    """Return the data and the captions of pictures, of the kind .svg if there are
+    several.
     """
     pictures = []
     for caption_file in sorted(folder / f"{name}.txt" for name in names):
@@ -217,6 +268,7 @@ def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
 
 
 def _read_json(path: Path) -> Any:
+    """Return the content of a JSON file.  Raises OutputError."""
     try:
         return json.loads(read_bytes(path))
     except (ValueError, RecursionError):

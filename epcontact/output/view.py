@@ -2,9 +2,9 @@
 compared, films.
 
 The kind of a file follows from its name: .vti holds fields on the surface's grid, .vtu
-a finite-element block, .pvd a list of load steps.  Where a function takes a file, it
-takes a method's .json with its fields beside it as well, and raises OutputError if the
-file cannot be read or drawn.
+a finite-element block, .pvd a list of load steps.  A function that takes a file also
+takes a method's .json that has its fields beside it.  It raises OutputError if the file
+cannot be read or drawn.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from epcontact.errors import OutputError
 from epcontact.files import atomic_write, path_inside, read_bytes, write_bytes
 from epcontact.output.charts.maps import pressure_difference, profiles
-from epcontact.output.vtk import read_fields
+from epcontact.output.vtk import FieldFile, read_fields
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -38,11 +38,19 @@ def screenshot(
 ) -> None:
     """Draw a result file to a PNG.
 
-    A surface (.vti) is shown as the deformed topography in contact, elastic yellow and
+    A surface (.vti) is drawn as the deformed topography in contact, elastic yellow and
     plastic black, beside its pressure; a line (.vti) as its profile and pressure; a
-    block (.vtu) cut open, with von Mises stress beside plastic strain.  `factor`
-    stretches the heights or displacements, by default so that they show, and the
-    picture states it.
+    block (.vtu) cut open, with von Mises stress beside plastic strain.
+
+    Args:
+        result: the file, see the module.
+        picture: the PNG to write.
+        factor: stretches the heights or displacements; None: by a round number that
+            makes them visible.  The picture states it.
+        size: width and height of the picture in pixels.
+
+    Raises:
+        OutputError: if the file cannot be read or drawn, or the picture not written.
     """
     source = find_result(result)
     _require_ending(picture, "a screenshot", ".png")
@@ -51,30 +59,45 @@ def screenshot(
 
 
 def show(result: Path | str, *, factor: float | None = None) -> None:
-    """Open a result file in a window and return when it is closed; see `screenshot`."""
+    """Open a result file in a window and return when it is closed.
+
+    The arguments and the errors are those of `screenshot`.
+    """
     _draw([find_result(result)], None, factor)
 
 
 def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
-    """Draw the pressures of two .vti files side by side, in one scale, with their
+    """Draw the pressures of two results side by side, in one scale, and their
     difference.
+
+    Args:
+        first, second: files of fields on the same grid, see the module.
+        picture: the PNG to write.
+
+    Raises:
+        OutputError: if the grids differ or are lines, or if a file cannot be read or
+            written.
     """
     _require_ending(picture, "a screenshot", ".png")
-    files = [read_fields(find_result(path)) for path in (first, second)]
-    grids = [" x ".join(map(str, file.shape)) + " points" for file in files]
-    differ = (
-        f"their grids are of {grids[0]} and {grids[1]}" if grids[0] != grids[1] else ""
-    )
-    if why := differ or (
-        "they are lines, not surfaces" if len(files[0].shape) == 1 else ""
-    ):
-        raise OutputError(f"cannot compare {first} with {second}: {why}")
-    one, two = (str(file.attributes.get("method", "?")).upper() for file in files)
+    paths = (first, second)
+    files = [read_fields(find_result(path)) for path in paths]
+    sizes = [" x ".join(map(str, file.shape)) + " points" for file in files]
+    refusal = f"cannot compare {first} with {second}"
+    if sizes[0] != sizes[1]:
+        raise OutputError(f"{refusal}: their grids are of {sizes[0]} and {sizes[1]}")
+    if len(files[0].shape) == 1:
+        raise OutputError(f"{refusal}: they are lines, not surfaces")
+    one, two = map(_method_of, files)
     if one == two:
-        one, two = (f"{one} {Path(path).stem}" for path in (first, second))
+        one, two = (f"{one} {Path(path).stem}" for path in paths)
     pressure, other = (file.field("pressure") for file in files)
     chart = pressure_difference(pressure, other, files[0].spacing, names=(one, two))
     write_bytes(picture, chart.png())
+
+
+def _method_of(file: FieldFile) -> str:
+    """Return the name of the method of a file in capitals, "?" if it states none."""
+    return str(file.attributes.get("method", "?")).upper()
 
 
 def animate(
@@ -85,9 +108,18 @@ def animate(
     frames_per_second: float = 3.0,
     size: Size = (1200, 600),
 ) -> None:
-    """Draw load steps, of one .pvd or a file each, as a film of one camera and one
-    scale.  The film is a .gif or, with imageio and imageio-ffmpeg (the extra `films`),
-    an .mp4.
+    """Draw load steps as a film with one camera and one scale.
+
+    Args:
+        results: one .pvd, or the files of the steps in their order.
+        film: a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4.
+        factor: see `screenshot`.
+        frames_per_second: load steps for each second of the film.
+        size: width and height of the film in pixels.
+
+    Raises:
+        OutputError: if there is no step, if the steps are of different kinds, or if a
+            file cannot be read, drawn or written.
     """
     _require_ending(film, "a film", ".gif", ".mp4")
     sources = [step for path in results for step in _steps(path)]
@@ -95,69 +127,87 @@ def animate(
         raise OutputError(
             "a film needs the load steps of one .pvd, or .vti or .vtu files alone"
         )
-    write = _write_gif if Path(film).suffix.lower() == ".gif" else _write_mp4
+    write = _write_mp4
+    if Path(film).suffix.lower() == ".gif":
+        write = _write_gif
     with atomic_write(film) as temporary:
         write(temporary, _draw(sources, size, factor), frames_per_second)
 
 
 def find_result(path: Path | str) -> Path:
-    """Return the file of fields that `path` means: itself, the last of a .pvd, or a
-    .json's.
+    """Return the file of fields that `path` stands for.
+
+    It is the path itself for a .vti or .vtu, the last step of a .pvd, and the file
+    beside a method's .json; if there are several surfaces, the file of the first one.
+
+    Raises:
+        OutputError: if there is no such file, or if it is of another kind.
     """
     return _steps(path)[-1]
 
 
 def _steps(path: Path | str) -> list[Path]:
+    """Return the files of fields that `path` stands for, in the order of the loads."""
     given = Path(path)
     if not given.exists():
         raise OutputError(f"cannot read {path}: there is no such file")
-    if given.suffix in (".vti", ".vtu", ".pvd"):
-        return load_steps(given) if given.suffix == ".pvd" else [given]
+    if given.suffix == ".pvd":
+        return load_steps(given)
+    if given.suffix in (".vti", ".vtu"):
+        return [given]
     if given.suffix != ".json":
         raise OutputError(
             f"cannot show {path}: a .vti, .vtu, .pvd or a method's .json is needed"
         )
-    for end in ("pvd", "vtu", "vti"):
-        # If there are several surfaces, the first one is shown.
-        several = sorted(given.parent.glob(f"{given.stem}-*.{end}"))
-        for beside in (given.with_suffix(f".{end}"), *several):
-            if beside.is_file():
-                return _steps(beside)
+    for ending in (".pvd", ".vtu", ".vti"):
+        of_surfaces = sorted(given.parent.glob(f"{given.stem}-*{ending}"))
+        for file in (given.with_suffix(ending), *of_surfaces):
+            if file.is_file():
+                return _steps(file)
     raise OutputError(f"no fields lie beside {path}; run the case with its fields kept")
 
 
 def load_steps(collection: Path | str) -> list[Path]:
-    """Return the files of a ParaView collection (.pvd), part 0 of each, by their
-    times.  Raises OutputError if it is none, or names a file outside of its folder.
+    """Return the files of a ParaView collection (.pvd) in the order of their times.
+
+    Of files of the same time only part 0 is returned.
+
+    Raises:
+        OutputError: if the file cannot be read, is no collection, or names no file or
+            one outside of its folder.
     """
     try:
         entries = ET.fromstring(read_bytes(collection)).findall("./Collection/DataSet")
-        first = [entry for entry in entries if entry.get("part", "0") == "0"]
-        steps = [(float(e.get("timestep", "0")), e.attrib["file"]) for e in first]
+        first_parts = [entry for entry in entries if entry.get("part", "0") == "0"]
+        first_parts.sort(key=_time_of)
+        names = [entry.attrib["file"] for entry in first_parts]
     except (ET.ParseError, KeyError, ValueError):
         raise OutputError(
             f"cannot read {collection}: it is no ParaView collection"
         ) from None
-    if not steps:
+    if not names:
         raise OutputError(f"cannot read {collection}: it names no file")
-    return [
-        path_inside(Path(collection).parent, file)
-        for _, file in sorted(steps, key=lambda step: step[0])
-    ]
+    return [path_inside(Path(collection).parent, name) for name in names]
+
+
+def _time_of(entry: ET.Element) -> float:
+    """Return the time of an entry of a collection."""
+    return float(entry.get("timestep", "0"))
 
 
 def _is_line(source: Path) -> bool:
-    """True if the file holds a line; only its head is read, because the fields may be
-    large.
+    """Return whether a file holds a line.
+
+    Only its head is read, because the fields may be large.
     """
+    if source.suffix != ".vti":
+        return False
     extent = rb'WholeExtent="0 \d+ 0 0 '
-    return (
-        source.suffix == ".vti"
-        and re.search(extent, read_bytes(source, 512)) is not None
-    )
+    return re.search(extent, read_bytes(source, 512)) is not None
 
 
 def _require_ending(path: Path | str, what: str, *endings: str) -> None:
+    """Raise OutputError if the name of a file to write has none of the endings."""
     if Path(path).suffix.lower() not in endings:
         raise OutputError(
             f"cannot write {path}: {what} must be named {' or '.join(endings)}"
@@ -167,20 +217,24 @@ def _require_ending(path: Path | str, what: str, *endings: str) -> None:
 def _draw(
     sources: Sequence[Path], size: Size | None, factor: float | None
 ) -> list[Image.Image]:
-    """Draw files; lines are drawn by matplotlib."""
+    """Draw files, each to a picture; without a size, in a window.
+
+    Lines are drawn by matplotlib, everything else by pyvista.
+    """
     lines = [source for source in sources if _is_line(source)]
-    if lines and (size is None or factor is not None or lines != sources):
-        how = "is drawn to a file, without a factor and in no film with surfaces"
-        raise OutputError(f"{lines[0]} is a line, which {how}")
-    if lines:
-        from PIL import Image
+    if not lines:
+        from epcontact.output import drawing  # pyvista takes a second to load
 
-        return [
-            Image.open(io.BytesIO(one.png())).convert("RGB") for one in profiles(lines)
-        ]
-    from epcontact.output import drawing  # pyvista takes a second to load
+        return drawing.draw(sources, size, factor)
+    if size is None or factor is not None or lines != sources:
+        raise OutputError(
+            f"{lines[0]} is a line, which is drawn to a file, without a factor and in "
+            "no film with surfaces"
+        )
+    from PIL import Image
 
-    return drawing.draw(sources, size, factor)
+    pictures = [io.BytesIO(chart.png()) for chart in profiles(lines)]
+    return [Image.open(picture).convert("RGB") for picture in pictures]
 
 
 def _write_gif(
@@ -191,28 +245,33 @@ def _write_gif(
     """
     from PIL import Image
 
-    strip = Image.fromarray(
-        np.concatenate([np.asarray(frame)[::2, ::2] for frame in frames])
-    )
-    palette = strip.quantize(
+    reduced = [np.asarray(frame)[::2, ::2] for frame in frames]
+    palette = Image.fromarray(np.concatenate(reduced)).quantize(
         256, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE
     )
+    no_dither = Image.Dither.NONE
     first, *rest = (
-        f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames
+        frame.quantize(palette=palette, dither=no_dither) for frame in frames
     )
-    pause = round(1000 / frames_per_second)
-    first.save(path, save_all=True, append_images=rest, duration=pause, loop=0)
+    milliseconds = round(1000 / frames_per_second)
+    first.save(path, save_all=True, append_images=rest, duration=milliseconds, loop=0)
 
 
 def _write_mp4(
     path: Path, frames: Sequence[Image.Image], frames_per_second: float
 ) -> None:
+    """Write an MP4; the codec needs an even width and height."""
     try:
         import imageio.v2
         import imageio_ffmpeg  # noqa: F401 - the plugin for .mp4
     except ImportError:
         raise OutputError(
-            "an MP4 needs the packages imageio and imageio-ffmpeg; without them, name the film .gif"
+            "an MP4 needs the packages imageio and imageio-ffmpeg; without them, name "
+            "the film .gif"
         ) from None
-    even = [np.asarray(f)[: f.height // 2 * 2, : f.width // 2 * 2] for f in frames]
-    imageio.v2.mimwrite(path, even, fps=frames_per_second, macro_block_size=2)
+    pictures = []
+    for frame in frames:
+        height = frame.height // 2 * 2
+        width = frame.width // 2 * 2
+        pictures.append(np.asarray(frame)[:height, :width])
+    imageio.v2.mimwrite(path, pictures, fps=frames_per_second, macro_block_size=2)

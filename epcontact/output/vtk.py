@@ -1,20 +1,22 @@
-"""Field results as VTK image files (.vti) that pyvista and ParaView open at once.
+"""Field results as VTK image files (.vti), which pyvista and ParaView open at once.
 
-A surface is a plane of nx by ny points, a line a row of nx; point (i, j) is at (i dx, j
-dy, 0). The point one period further equals the first one and is not stored.  The point
-data are heights, pressure, gap and, of a capped or unloaded body, plastic_displacement
-as 32-bit floats, and state as 8-bit integers (0 apart, 1 elastic, 2 plastic), in SI
-units, which each array has as VTK's UNITS_LABEL and in the field data `unit.<name>`.
+A surface is a plane of nx by ny points, a line a row of nx points.  Point (i, j) is at
+(i dx, j dy, 0).  The point one period further equals the first one and is not stored.
+
+The point data are heights, pressure, gap and, for a capped or unloaded body,
+plastic_displacement as 32-bit floats, and state as 8-bit integers (0 apart, 1 elastic,
+2 plastic).  All are in SI units.  Each array has its unit as VTK's UNITS_LABEL and in
+the field data `unit.<name>`.
 
 The displacement is gap + heights less the height of the flat, so the field data hold
-`flat_height` in its place.  Numbers of 32 bits keep seven digits at half the size;
-zeros stay exactly zero. Rounding may lift a capped pressure above the hardness by one
-part in 10^7, so use the state to find plastic points.  `precision="double"` keeps every
-bit, and the displacement.
+`flat_height` instead.  Numbers of 32 bits keep seven digits at half the size; zeros
+stay exactly zero.  Rounding may lift a capped pressure above the hardness by one part
+in 10^7, so use the state to find plastic points.  `precision="double"` keeps every bit,
+and the displacement.
 
-The field data give the origin of the file and its figures, and anything that the caller
-adds.  The numbers are raw bytes behind the XML head, so writing needs neither VTK,
-whose import takes long, nor a copy of the fields.
+The field data state the origin of the file, the quantities of the result, and anything
+that the caller adds.  The numbers are raw bytes behind the XML head, so writing needs
+neither VTK, whose import takes long, nor a copy of the fields.
 """
 
 from __future__ import annotations
@@ -42,30 +44,40 @@ UNITS = {
     "displacement": "m",
     "plastic_displacement": "m",
     "state": "1",
-    "filled": "1",
 }
-#: Fields of small whole numbers, which are stored as bytes.
-BYTES = ("state", "filled")
 
 Attribute = str | float | int
 Precision = Literal["single", "double"]
 
 #: VTK's names of the types of numbers.
 _TYPES = {"<f4": "Float32", "<f8": "Float64", "|u1": "UInt8", "<i8": "Int64"}
+_REAL: Mapping[Precision, str] = {"single": "<f4", "double": "<f8"}
 _CLOSING = b"</VTKFile>"
+#: Each block of raw bytes begins with its length in bytes, a 64-bit integer.
+_LENGTH = np.dtype("<u8")
+#: Columns of a field that are written at a time, so that no copy of it is needed.
+_COLUMNS = 64
+#: Field data of this name hold the unit of a field or of other field data.
+_UNIT = "unit."
 
 
 @dataclass(frozen=True)
 class FieldFile:
-    """The content of a .vti file: arrays [x, y] or [x], their spacing in m, and the
-    field data.
+    """The content of a .vti file.
+
+    Attributes:
+        source: the path of the file.
+        fields: arrays [x, y] of a surface or [x] of a line, by name.
+        spacing: distance of neighbouring points along each direction, in m.
+        attributes: the field data by name, without the units.
+        units: units of fields and attributes, as far as the file states them.
     """
 
     source: Path | str
     fields: Mapping[str, NDArray[Any]]
     spacing: tuple[float, ...]
     attributes: Mapping[str, Attribute]
-    units: Mapping[str, str]  # of fields and attributes, if the file gives them
+    units: Mapping[str, str]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -79,14 +91,12 @@ class FieldFile:
 
     @property
     def hardness(self) -> float:
-        """The hardness in Pa, infinite if the file gives none."""
+        """The hardness in Pa, infinite if the file states none."""
         hardness = self.attributes.get("hardness")
         return hardness if isinstance(hardness, float) else math.inf
 
     def field(self, name: str) -> NDArray[Any]:
-        """Return the field called `name`.  Raises OutputError if the file holds
-        none.
-        """
+        """Return the field called `name`.  Raises OutputError if the file has none."""
         if name not in self.fields:
             names = ", ".join(sorted(self.fields))
             raise OutputError(f"{self.source} holds no field {name}, only {names}")
@@ -102,27 +112,37 @@ def write_fields(
     precision: Precision = "single",
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the fields of a result and, as field data, what it says of itself and
-    `attributes`.
+    """Write the fields of a result to a .vti file.
+
+    Args:
+        path: the file; its name ends with .vti.
+        result: the result, whose quantities and provenance become field data.
+        surface: the surface, which gives the spacing and, if the result has none, the
+            heights.
+        attributes: more field data, by name.
+        precision: of the numbers of the fields.
+        units: units of the attributes, by name.
+
+    Raises:
+        OutputError: if the result has no fields, or if the file cannot be written.
     """
     if not result.fields:
         raise OutputError(
             f"cannot write {path}: the method {result.method} gives no fields"
         )
     fields = {"heights": surface.heights, **result.fields}
-    if surface.filled is not None:
-        fields["filled"] = surface.filled
-    everything = {**_result_attributes(result), **(attributes or {})}
-    level = _flat_height(fields) if precision == "single" else None
-    if level is not None:
-        del fields["displacement"]
-        everything["flat_height"] = level
-    about = {
-        name: str(entry["unit"]) for name, entry in result.provenance.about.items()
-    }
-    known = {"flat_height": "m", **about, **(units or {})}
+    field_data = _result_attributes(result) | dict(attributes or {})
+    if precision == "single":
+        flat_height = _flat_height(fields)
+        if flat_height is not None:
+            del fields["displacement"]
+            field_data["flat_height"] = flat_height
+    all_units = {"flat_height": "m"}
+    for name, entry in result.provenance.about.items():
+        all_units[name] = str(entry["unit"])
+    all_units |= units or {}
     write_image(
-        path, fields, surface.spacing, everything, precision=precision, units=known
+        path, fields, surface.spacing, field_data, precision=precision, units=all_units
     )
 
 
@@ -135,8 +155,20 @@ def write_image(
     precision: Precision = "single",
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write arrays [x, y] or [x] on one grid, and field data with the units of some of
-    them.
+    """Write arrays on one grid to a .vti file.
+
+    Args:
+        path: the file; its name ends with .vti.
+        fields: arrays [x, y] or [x] of one shape, by name.
+        spacing: distance of neighbouring points along each direction, in m.
+        attributes: the field data, by name.
+        precision: of the numbers of the fields; "state" has 8-bit integers.
+        units: units of fields and attributes beside UNITS, by name.
+
+    Raises:
+        OutputError: if the file has another ending or cannot be written.
+        ValueError: if the fields have different shapes or another dimension than the
+            spacing.
     """
     if Path(path).suffix != ".vti":
         raise OutputError(f"cannot write {path}: a field file must be named .vti")
@@ -145,62 +177,80 @@ def write_image(
         raise ValueError(
             f"fields of the shapes {shapes} lie on no grid of spacing {spacing}"
         )
-    planes = {
-        name: np.reshape(field, (len(field), -1)) for name, field in fields.items()
+    planes = {n: np.reshape(field, (len(field), -1)) for n, field in fields.items()}
+    all_units = dict(UNITS)
+    for name, unit in (units or {}).items():
+        if unit not in ("", "–"):
+            all_units[name] = unit
+    named_units = {
+        f"{_UNIT}{name}": all_units[name]
+        for name in (*fields, *attributes)
+        if name in all_units
     }
-    known = UNITS | {
-        name: unit for name, unit in (units or {}).items() if unit not in ("", "–")
+    field_data = {
+        name: _stored_value(value)
+        for name, value in {**attributes, **named_units}.items()
     }
-    named = {
-        f"unit.{name}": known[name] for name in (*fields, *attributes) if name in known
-    }
-    told = {name: _stored(value) for name, value in {**attributes, **named}.items()}
-    real = "<f4" if precision == "single" else "<f8"
-    kinds = {name: np.dtype("|u1" if name in BYTES else real) for name in planes}
+    kinds = {name: np.dtype(_REAL[precision]) for name in planes}
+    if "state" in kinds:
+        kinds["state"] = np.dtype("|u1")
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        file.write(_head(planes, kinds, spacing, told).encode())
-        for values in told.values():
-            file.write(np.array(values.nbytes, "<u8").tobytes() + values.tobytes())
+        file.write(_xml_head(planes, kinds, spacing, field_data).encode())
+        for values in field_data.values():
+            file.write(np.array(values.nbytes, _LENGTH).tobytes())
+            file.write(values.tobytes())
         for name, plane in planes.items():
-            file.write(np.array(plane.size * kinds[name].itemsize, "<u8").tobytes())
-            # VTK stores x fastest; some columns at a time need no copy of the field.
-            for j in range(0, plane.shape[1], 64):
-                file.write(
-                    np.ascontiguousarray(plane[:, j : j + 64].T, kinds[name]).data
-                )
+            kind = kinds[name]
+            file.write(np.array(plane.size * kind.itemsize, _LENGTH).tobytes())
+            for start in range(0, plane.shape[1], _COLUMNS):
+                columns = plane[:, start : start + _COLUMNS]
+                # VTK stores x fastest.
+                file.write(np.ascontiguousarray(columns.T, kind).data)
         file.write(b"\n</AppendedData>\n" + _CLOSING + b"\n")
 
 
 def read_fields(path: Path | str) -> FieldFile:
-    """Read a .vti file of this or another program.  Raises OutputError if it is
-    damaged.
+    """Read a .vti file of this or another program.
+
+    Raises:
+        OutputError: if the file cannot be read, is no .vti file, is damaged, or holds
+            no point data.
     """
     if b'type="ImageData"' not in read_bytes(path, 512):
         raise OutputError(f"cannot read {path}: it is no VTK image file (.vti)")
-    image = read_quietly(path, "vtkXMLImageDataReader") if _closed(Path(path)) else None
-    names = image.point_data.keys() if image is not None and image.n_points else ()
-    if image is None or not names or None in names:
+    image = _read_image(Path(path))
+    if image is None:
         raise OutputError(f"cannot read {path}: it is damaged or holds no point data")
     nx, ny, _ = image.dimensions
-    shape = (nx,) if ny == 1 else (nx, ny)
+    shape: tuple[int, ...] = (nx, ny)
+    if ny == 1:
+        shape = (nx,)
+    fields = {}
+    for name in image.point_data.keys():  # noqa: SIM118 - pyvista's own mapping
+        values = np.asarray(image.point_data[name]).reshape(shape, order="F")
+        fields[name] = np.ascontiguousarray(values)
+    attributes: dict[str, Attribute] = {}
+    units = {}
     data = image.field_data
-    names_of_data = data.keys()  # pyvista's own mapping, which cannot be iterated
-    held = {n: data[n].tolist()[0] for n in names_of_data if len(data[n]) == 1}
-    fields = {
-        n: np.asarray(image.point_data[n]).reshape(shape, order="F") for n in names
-    }
-    return FieldFile(
-        source=path,
-        fields={name: np.ascontiguousarray(field) for name, field in fields.items()},
-        spacing=tuple(image.spacing[: len(shape)]),
-        attributes={k: v for k, v in held.items() if not k.startswith("unit.")},
-        units={k[5:]: str(v) for k, v in held.items() if k.startswith("unit.")},
-    )
+    for name in data.keys():  # noqa: SIM118 - it cannot be iterated
+        if len(data[name]) == 1:
+            (value,) = data[name].tolist()
+            if name.startswith(_UNIT):
+                units[name.removeprefix(_UNIT)] = str(value)
+            else:
+                attributes[name] = value
+    return FieldFile(path, fields, image.spacing[: len(shape)], attributes, units)
 
 
 def read_quietly(path: Path | str, reader: str) -> Any:
-    """Read a file by a reader of VTK; None if it is damaged, with no complaint on the
-    terminal.
+    """Read a file by VTK without complaints on the terminal.
+
+    Args:
+        path: the file.
+        reader: name of a class of vtkIOXML, such as "vtkXMLImageDataReader".
+
+    Returns:
+        The data set of pyvista; None if VTK finds the file damaged.
     """
     import pyvista as pv
     from vtkmodules import vtkIOXML
@@ -209,119 +259,142 @@ def read_quietly(path: Path | str, reader: str) -> Any:
     source.SetFileName(str(path))
     with pv.vtk_verbosity("off"), pv.VtkErrorCatcher(send_to_logging=False) as caught:
         source.Update()
-    return None if caught.events else pv.wrap(source.GetOutput())
+    if caught.events:
+        return None
+    return pv.wrap(source.GetOutput())
 
 
-def _closed(path: Path) -> bool:
-    """True if the file has its end: VTK takes numbers that are cut off for zeros."""
+def _read_image(path: Path) -> Any:
+    """Return the image of a .vti file; None if it is damaged or has no point data."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 64))
-        return file.read().rstrip().endswith(_CLOSING)
+        # VTK takes numbers that are missing at the end of a file for zeros.
+        if not file.read().rstrip().endswith(_CLOSING):
+            return None
+    image = read_quietly(path, "vtkXMLImageDataReader")
+    if image is None or not image.n_points:
+        return None
+    names = image.point_data.keys()
+    if not names or None in names:
+        return None
+    return image
 
 
 def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
-    """Return the field data of a result: figures of its last load step and its
+    """Return the field data of a result: the quantities of its last load step and its
     provenance.
     """
-    final, provenance = result.final, result.provenance
-    about = {name: entry["value"] for name, entry in provenance.about.items()}
-    lists = {
-        n: ", ".join(map(repr, v))
-        for n, v in about.items()
-        if isinstance(v, list | tuple)
-    }
+    final = result.final
+    provenance = result.provenance
     attributes: dict[str, Any] = {
         "method": result.method,
         "converged": int(result.converged),
         "scene": provenance.scene,
         "mean_pressure": final.mean_pressure,
-        **({} if provenance.seed is None else {"seed": provenance.seed}),
-        **{
-            f"area.{part}.{k}": v
-            for k, a in final.areas.items()
-            for part, v in vars(a).items()
-        },
-        **about,
-        **lists,
-        **({"notes": "; ".join(result.notes)} if result.notes else {}),
-        **{f"residual.{name}": value for name, value in final.residuals.items()},
-        **{f"iterations.{name}": value for name, value in final.iterations.items()},
-        **{f"quantity.{name}": value for name, value in final.quantities.items()},
-        **{f"version.{name}": value for name, value in provenance.versions.items()},
-        **{f"option.{name}": value for name, value in provenance.options.items()},
     }
-    return {
-        k: v if isinstance(v, str | int | float) else str(v)
-        for k, v in attributes.items()
+    if provenance.seed is not None:
+        attributes["seed"] = provenance.seed
+    for kind, areas in final.areas.items():
+        for part, area in vars(areas).items():
+            attributes[f"area.{part}.{kind}"] = area
+    for name, entry in provenance.about.items():
+        value = entry["value"]
+        if isinstance(value, list | tuple):
+            value = ", ".join(map(repr, value))
+        attributes[name] = value
+    if result.notes:
+        attributes["notes"] = "; ".join(result.notes)
+    groups: dict[str, Mapping[str, Any]] = {
+        "residual": final.residuals,
+        "iterations": final.iterations,
+        "quantity": final.quantities,
+        "version": provenance.versions,
+        "option": provenance.options,
     }
+    for group, values in groups.items():
+        for name, value in values.items():
+            attributes[f"{group}.{name}"] = value
+    for name, value in attributes.items():
+        if not isinstance(value, str | int | float):
+            attributes[name] = str(value)
+    return attributes
 
 
 def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
-    """Return gap + heights - displacement if it is one number (in m), otherwise
-    None.
-    """
+    """Return gap + heights - displacement (m) if it is one number, otherwise None."""
     if not {"gap", "displacement"} <= fields.keys():
         return None
     names = ("gap", "heights", "displacement")
     gap, heights, displacement = (np.atleast_2d(fields[name]) for name in names)
+    lowest, highest = math.inf, -math.inf
     # Row by row, because the sums of a large grid would be another copy of it.
-    levels = (g + h - u for g, h, u in zip(gap, heights, displacement, strict=True))
-    ends = np.array([(np.min(level), np.max(level)) for level in levels])
-    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    for gap_row, heights_row, moved_row in zip(gap, heights, displacement, strict=True):
+        levels = gap_row + heights_row - moved_row
+        lowest = np.minimum(lowest, levels.min())
+        highest = np.maximum(highest, levels.max())
     tolerance = 1e-6 * float(np.ptp(heights))  # ten roundings of a 32-bit number
-    return (low + high) / 2 if high - low <= tolerance else None
+    if highest - lowest <= tolerance:
+        return float(lowest + highest) / 2
+    return None  # also for NaN
 
 
-def _stored(value: Attribute) -> NDArray[Any]:
+def _stored_value(value: Attribute) -> NDArray[Any]:
     """Return an attribute as VTK stores it: a number, or the bytes of a string and a
-    zero.
+    zero.  An integer of more than 64 bits is stored as a string.
     """
-    if isinstance(value, str) or (
-        isinstance(value, int) and not -(2**63) <= value < 2**63
-    ):
-        return np.frombuffer(str(value).encode() + b"\0", "|u1")
-    return np.array([value], "<i8" if isinstance(value, int) else "<f8")
+    if isinstance(value, float):
+        return np.array([value], "<f8")
+    if isinstance(value, int) and -(2**63) <= value < 2**63:
+        return np.array([value], "<i8")
+    return np.frombuffer(str(value).encode() + b"\0", "|u1")
 
 
-def _head(
+def _xml_head(
     planes: Mapping[str, NDArray[Any]],
     kinds: Mapping[str, np.dtype[Any]],
     spacing: tuple[float, ...],
-    told: Mapping[str, NDArray[Any]],
+    field_data: Mapping[str, NDArray[Any]],
 ) -> str:
-    """Return the XML before the numbers, which follow in the order of `told` and
-    `planes`.
+    """Return the XML before the numbers.
+
+    The numbers follow in the order of `field_data` and `planes`, each with its length.
     """
-    offset, data, points = 0, "", ""
-    for name, values in told.items():
-        look = f'Name={quoteattr(name)} NumberOfTuples="1" format="appended" offset="{offset}"'
+    offset = 0
+    field_elements = ""
+    for name, values in field_data.items():
         kind = _TYPES[values.dtype.str]
-        text = kind == "UInt8"
-        data += (
-            f'<Array type="String" {look}/>'
-            if text
-            else f'<DataArray type="{kind}" {look}/>'
-        )
-        offset += 8 + values.nbytes
+        element = f'<DataArray type="{kind}"'
+        if kind == "UInt8":
+            element = '<Array type="String"'
+        place = f'Name={quoteattr(name)} NumberOfTuples="1" format="appended"'
+        field_elements += f'{element} {place} offset="{offset}"/>'
+        offset += _LENGTH.itemsize + values.nbytes
+    point_elements = ""
     for name, plane in planes.items():
-        look = f'Name={quoteattr(name)} format="appended" offset="{offset}"'
-        label = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{UNITS.get(name)}'
-        inside = f"{label}</InformationKey>" if name in UNITS else ""
-        points += (
-            f'<DataArray type="{_TYPES[kinds[name].str]}" {look}>{inside}</DataArray>'
-        )
-        offset += 8 + plane.size * kinds[name].itemsize
+        kind = _TYPES[kinds[name].str]
+        place = f'Name={quoteattr(name)} format="appended" offset="{offset}"'
+        label = ""
+        if name in UNITS:
+            key = 'name="UNITS_LABEL" location="vtkDataArray"'
+            label = f"<InformationKey {key}>{UNITS[name]}</InformationKey>"
+        point_elements += f'<DataArray type="{kind}" {place}>{label}</DataArray>'
+        offset += _LENGTH.itemsize + plane.size * kinds[name].itemsize
     nx, ny = next(iter(planes.values())).shape
     extent = f"0 {nx - 1} 0 {ny - 1} 0 0"
-    # A line has no spacing across; that along it keeps cells from collapsing.
-    steps = " ".join(
-        repr(float(d)) for d in (*spacing, *(spacing[0],) * (3 - len(spacing)))
-    )
-    shown = quoteattr("pressure" if "pressure" in planes else list(planes)[-1])
+    # A direction without a spacing gets that of x, so that cells do not collapse.
+    steps = (*spacing, spacing[0], spacing[0])[:3]
+    spacing_text = " ".join(repr(float(step)) for step in steps)
+    active = [*planes][-1]
+    if "pressure" in planes:
+        active = "pressure"
     return (
-        '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
-        f'header_type="UInt64">\n<ImageData WholeExtent="{extent}" Origin="0 0 0" '
-        f'Spacing="{steps}">\n<FieldData>{data}</FieldData>\n<Piece Extent="{extent}">'
-        f"<PointData Scalars={shown}>{points}</PointData></Piece>\n</ImageData>\n"
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
+        'header_type="UInt64">\n'
+        f'<ImageData WholeExtent="{extent}" Origin="0 0 0" Spacing="{spacing_text}">\n'
+        f"<FieldData>{field_elements}</FieldData>\n"
+        f'<Piece Extent="{extent}">'
+        f"<PointData Scalars={quoteattr(active)}>{point_elements}</PointData></Piece>\n"
+        "</ImageData>\n"
         '<AppendedData encoding="raw">\n_'
     )

@@ -1,7 +1,7 @@
 """The pictures of a case: charts of its results, and the files that the report shows.
 
     power-spectrum            of the first surface, and the analytic one
-    persson-magnification     areas against magnification, with those of boundary elements
+    persson-magnification     areas against magnification; points: boundary elements
     persson-pressure          probability density of the pressure as a table (.json)
     pressure-distribution     probability density of the pressure of every method
     residuals                 against the iterations of every method

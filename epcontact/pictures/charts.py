@@ -22,7 +22,7 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
-from epcontact.output.loads import load_charts
+from epcontact.pictures.loads import load_charts
 from epcontact.results import ContactResult
 from epcontact.scene import Scene, Surface
 from epcontact.surfaces.power_spectrum import radial_spectrum
@@ -54,10 +54,11 @@ def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
 
     Example:
         >>> from epcontact import Load, Material, Surface, bem
-        >>> wave = np.cos(2 * np.pi * np.arange(64) / 64)
-        >>> scene = Scene(Surface(wave, (50.0,)), Material(1.0, 0.0), Load((0.01, 0.02)))
-        >>> list(plot(scene, bem.solve(scene)))
-        ['pressure-distribution', 'residuals', 'loads-areas', 'loads-gap', 'contact-bem']
+        >>> wave = Surface(np.cos(2 * np.pi * np.arange(64) / 64), (50.0,))
+        >>> scene = Scene(wave, Material(1.0, 0.0), Load((0.01, 0.02)))
+        >>> charts = plot(scene, bem.solve(scene))
+        >>> list(charts)[2:]
+        ['loads-areas', 'loads-gap', 'contact-bem']
     """
     by_method: dict[str, list[ContactResult]] = {}
     for result in results:
@@ -208,10 +209,21 @@ def magnification_chart(
         energy_reduction: the gamma of the theory, for the caption.
     """
     parts = ("total", "elastic", "plastic")
-    tables = [_theory_curve(part, areas) for part in parts]
-    largest = float(areas.magnification.max())
-    tables += [_mean_point(part, largest, bem_results) for part in parts]
-    table = pd.concat([each for each in tables if (each[_AREA] > 0).any()])
+    curves: dict[str, Any] = {part: getattr(areas, part) for part in parts}
+    theory = pd.DataFrame({_MAGNIFICATION: areas.magnification} | curves)
+    # A user's solver that replaces the boundary elements need not have these areas.
+    finals = [result.final.areas for result in bem_results]
+    corrected = [vars(each["corrected"]) for each in finals if "corrected" in each]
+    points = pd.DataFrame(corrected, columns=parts).mean().to_frame().T
+    points[_MAGNIFICATION] = areas.magnification.max()
+    table = pd.concat(
+        [
+            _by_part(theory).assign(method="", style="curve"),
+            _by_part(points).assign(method="bem"),
+        ]
+    )
+    largest = table.groupby(["part", "method"])[_AREA].transform("max")
+    table = table[largest > 0]
     # Areas vanish exponentially at low magnification and would squeeze everything else,
     # so the axis ends three decades below the largest area.
     positive = table[_AREA][table[_AREA] > 0]
@@ -227,38 +239,12 @@ def magnification_chart(
     )
     caption = (
         f"{case_id}: areas against magnification by Persson's theory, "
-        f"gamma = {energy_reduction:g}; points: the boundary elements, in the continuum "
-        "limit."
+        f"gamma = {energy_reduction:g}; points: the boundary elements, in the "
+        "continuum limit."
     )
     return draw_table(table, look, caption)
 
 
-def _theory_curve(part: str, areas: persson.MagnificationCurve) -> pd.DataFrame:
-    """Return the curve of one part of the theory's area."""
-    return pd.DataFrame(
-        {
-            "part": part,
-            "method": "",
-            "style": "curve",
-            _MAGNIFICATION: areas.magnification,
-            _AREA: getattr(areas, part),
-        }
-    )
-
-
-def _mean_point(
-    part: str, magnification: float, results: Sequence[ContactResult]
-) -> pd.DataFrame:
-    """Return the mean of one part of the corrected areas as a point, or 0 if there are
-    none: a user's solver that replaces the boundary elements need not have them.
-    """
-    finals = [result.final for result in results]
-    areas = [
-        getattr(step.areas["corrected"], part)
-        for step in finals
-        if "corrected" in step.areas
-    ]
-    mean = float(np.mean(areas or [0.0]))
-    return pd.DataFrame(
-        [{"part": part, "method": "bem", _MAGNIFICATION: magnification, _AREA: mean}]
-    )
+def _by_part(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of areas by magnification with a row for each part of an area."""
+    return table.melt(_MAGNIFICATION, var_name="part", value_name=_AREA)

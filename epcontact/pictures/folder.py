@@ -18,7 +18,7 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.output.charts.figures import Chart, Pictures
 from epcontact.output.charts.maps import map_of_file, pressure_difference
-from epcontact.output.loads import LOAD_CHARTS, Row, load_charts
+from epcontact.output.loads import Row
 from epcontact.output.view import animate, load_steps, screenshot
 from epcontact.output.vtk import FieldFile, read_fields
 from epcontact.pictures.charts import (
@@ -27,6 +27,7 @@ from epcontact.pictures.charts import (
     magnification_chart,
     spectrum_chart,
 )
+from epcontact.pictures.loads import LOAD_CHARTS, load_charts
 from epcontact.results import ContactResult
 
 #: A chart of three areas can show so many curves of a sweep.
@@ -150,8 +151,8 @@ def draw_sweep(
     Args:
         folder: the folder of the sweep.
         loads: the rows of each point and method, by words such as "hardness 1e+09,
-            bem".  Points that differ only in their mean pressure become one curve.  Only
-            the first curves are drawn.
+            bem".  Points that differ only in their mean pressure become one curve.
+            Only the first curves are drawn.
         fields: the files of fields, and in words the point and method of each.
 
     Raises:

@@ -24,79 +24,104 @@ def pressure_distribution(
     hardness: float = np.inf,
     theory: pd.DataFrame | None = None,
 ) -> Chart:
-    """Figure 5 of the paper: the probability density of the contact pressure, by each
-    method.
+    """Draw Figure 5 of the paper: the probability density of the contact pressure.
 
-    Draws the mean over the results of each method, one for each surface, and marks the
-    hardness (Pa).  `theory` has densities by formula in the columns series, PRESSURE
-    and DENSITY; one with the name of a method replaces that method's binned pressures.
     The delta functions at zero pressure and at the hardness cannot be drawn; the legend
-    names the area at the hardness.
+    states the area at the hardness.
+
+    Args:
+        results: the results of each method, one for each surface; the chart shows their
+            mean.
+        hardness: the hardness in Pa, which is marked; infinite for none.
+        theory: densities by formula, with the columns series, PRESSURE and DENSITY.  A
+            series with the name of a method replaces the method's binned pressures.
     """
-    known = {
-        m: [r.distribution for r in each if r.distribution]
-        for m, each in results.items()
+    distributions: dict[str, list[PressureDistribution]] = {}
+    for method, each in results.items():
+        for result in each:
+            if result.distribution is not None:
+                distributions.setdefault(method, []).append(result.distribution)
+    formulas: dict[str, pd.DataFrame] = {}
+    if theory is not None:
+        formulas = {str(name): t for name, t in theory.groupby("series", sort=False)}
+    densities = {
+        method: formulas.get(method, _mean_density(method, tables))
+        for method, tables in distributions.items()
     }
-    found = {method: each for method, each in known.items() if each}
-    exact = {} if theory is None else dict(list(theory.groupby("series", sort=False)))
-    tables = {
-        m: exact.get(m, _mean_density(m, each)) for m, each in found.items()
-    } | exact
-    table = pd.concat(tables.values())
-    areas = {
-        method: float(np.mean([t.plastic for t in each]))
-        for method, each in found.items()
-    }
-    how = {method: "" if method in exact else "counted " for method in found}
-    top = hardness if np.isfinite(hardness) else float(table[PRESSURE].max())
-    scale, unit = unit_for(top, "Pa")
-    pressure = next(r.final.mean_pressure for each in results.values() for r in each)
-    upright = {r"$\sigma_0$": pressure / scale}
-    if np.isfinite(hardness):
+    table = pd.concat((densities | formulas).values())
+    labels = {}
+    for method, tables in distributions.items():
+        plastic_area = float(np.mean([each.plastic for each in tables]))
+        if plastic_area > 0:
+            kind = "" if method in formulas else "counted "
+            labels[method] = f"{method} ({kind}plastic area {plastic_area:.4g})"
+    capped = bool(np.isfinite(hardness))
+    largest = hardness if capped else float(table[PRESSURE].max())
+    scale, unit = unit_for(largest, "Pa")
+    first_result = next(result for each in results.values() for result in each)
+    upright = {r"$\sigma_0$": first_result.final.mean_pressure / scale}
+    if capped:
         upright[r"$\sigma_\mathrm{P}$"] = hardness / scale
     plot = Plot(
         (PRESSURE, rf"contact pressure $\sigma$ ({unit})"),
         (DENSITY, rf"density $P(\sigma)$ (1/{unit})"),
-        styles=dict.fromkeys(exact, "curve"),
-        labels={
-            m: f"{m} ({how[m]}plastic area {a:.4g})" for m, a in areas.items() if a > 0
-        },
+        styles=dict.fromkeys(formulas, "curve"),
+        labels=labels,
         scale=(scale, 1 / scale),
-        limits={"xlim": (0, 1.04 * top / scale), "ylim": (0, None)},
+        limits={"xlim": (0, 1.04 * largest / scale), "ylim": (0, None)},
         upright=upright,
     )
     caption = (
-        "Probability density of the contact pressure per nominal area, mean of all surfaces. "
-        "The shares of the area without contact and at the hardness are delta functions, which "
-        "are not drawn."
+        "Probability density of the contact pressure per nominal area, mean of all "
+        "surfaces. The shares of the area without contact and at the hardness are "
+        "delta functions, which are not drawn."
     )
     chart = draw_table(table, plot, caption)
-    return replace(
-        chart, header=("series", PRESSURE, DENSITY, "low_per_Pa", "high_per_Pa")
-    )
+    header = ("series", PRESSURE, DENSITY, "low_per_Pa", "high_per_Pa")
+    return replace(chart, header=header)
 
 
 def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
-    """The dimensionless residual of each method against its iterations, logarithmic."""
-    tables = [
-        pd.DataFrame(
-            {"series": method, "iterations": range(np.size(values)), "residual": values}
-        )
-        for method, values in histories.items()
-    ]
-    most = max(map(np.size, histories.values()), default=1)
-    ticks = range(0, most, max(most // 8, 1))
-    x, y = ("iterations", "iterations (–)"), ("residual", "residual (–)")
-    caption = "Residual of the iteration on the finest grid, of the surface that took longest."
-    return draw_table(pd.concat(tables), Plot(x, y, log="y", ticks=ticks), caption)
+    """Draw the dimensionless residual of each method against its iterations.
+
+    Args:
+        histories: the residual after each iteration, by method.
+    """
+    tables = []
+    longest = 1
+    for method, residuals in histories.items():
+        count = np.size(residuals)
+        longest = max(longest, count)
+        columns = {"series": method, "iterations": range(count), "residual": residuals}
+        tables.append(pd.DataFrame(columns))
+    plot = Plot(
+        ("iterations", "iterations (–)"),
+        ("residual", "residual (–)"),
+        log="y",
+        ticks=range(0, longest, max(longest // 8, 1)),
+    )
+    caption = (
+        "Residual of the iteration on the finest grid, of the surface that took "
+        "longest."
+    )
+    return draw_table(pd.concat(tables), plot, caption)
 
 
 def pressure_density(
     distribution: PressureDistribution, bins: int = 60, largest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The middles (Pa) of `bins` intervals up to `largest`, and the mean density
-    P(sigma) in each: a difference of cumulative areas (1/Pa), so that their sum is
-    exactly the elastic area.
+    """Return the mean density of the contact pressure in equal intervals.
+
+    It is the difference of cumulative areas over the width of the interval, so that the
+    sum over all intervals is exactly the elastic area.
+
+    Args:
+        distribution: the cumulative areas by pressure.
+        bins: the number of intervals.
+        largest: the end of the last interval (Pa); None: the largest pressure.
+
+    Returns:
+        The middles of the intervals (Pa) and the densities (1/Pa).
     """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
@@ -107,8 +132,11 @@ def pressure_density(
 
 
 def _mean_density(method: str, tables: Sequence[PressureDistribution]) -> pd.DataFrame:
-    """The density averaged over the surfaces, in common intervals."""
+    """Return the density averaged over the surfaces, in common intervals."""
     largest = max(float(table.pressure[-1]) for table in tables)
-    densities = [pressure_density(table, largest=largest) for table in tables]
-    mean = np.mean([density for _, density in densities], axis=0)
-    return pd.DataFrame({"series": method, PRESSURE: densities[0][0], DENSITY: mean})
+    densities = []
+    for table in tables:
+        middles, density = pressure_density(table, largest=largest)
+        densities.append(density)
+    mean = np.mean(densities, axis=0)
+    return pd.DataFrame({"series": method, PRESSURE: middles, DENSITY: mean})

@@ -24,16 +24,24 @@ from epcontact.output.charts.style import SETTINGS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: A logarithmic axis that spans a smaller ratio has ticks at 1, 2 and 5, too.
+_SHORT_RANGE = 200.0
+
 
 @dataclass(frozen=True)
 class Chart:
-    """A picture (a matplotlib Figure of no pyplot session) with its data and its
-    caption.
+    """A picture with its data and its caption.  A notebook shows the picture.
+
+    Attributes:
+        figure: a matplotlib Figure that belongs to no pyplot session.
+        header: the names of the columns of the data, with their units.
+        rows: the data that are drawn, one sequence for each row.
+        caption: the caption, one or a few sentences.
     """
 
     figure: Figure
-    header: Sequence[str]  # names of the columns, with their units
-    rows: Sequence[Sequence[Any]]  # the data that are drawn
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
     caption: str
 
     def __post_init__(self) -> None:
@@ -44,38 +52,52 @@ class Chart:
             self.figure.set_layout_engine("none")
 
     def png(self) -> bytes:
-        """The picture as PNG."""
+        """Return the picture as PNG."""
         return self._bytes("png", {"Software": None})
 
     _repr_png_ = png  # for notebooks
 
     def svg(self) -> bytes:
-        """The picture as SVG: the same bytes for the same data."""
+        """Return the picture as SVG: the same bytes for the same data."""
         return self._bytes("svg", {"Date": None, "Creator": None})
 
     def csv(self) -> str:
-        """The data as comma-separated values, every float with all its digits."""
+        """Return the data as comma-separated values, every float with all digits."""
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
     def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write stem.png, stem.svg, stem.csv and stem.txt (the caption), or raise
-        OutputError.  If one of them cannot be written, none is.
+        """Write the picture, its data and its caption.  If one of the files cannot be
+        written, none is.
+
+        Args:
+            stem: the path without an ending.
+
+        Returns:
+            The paths stem.png, stem.svg, stem.csv and stem.txt (the caption).
+
+        Raises:
+            OutputError: if a file cannot be written.
         """
-        contents = {".png": self.png(), ".svg": self.svg(), ".csv": self.csv().encode()}
-        contents[".txt"] = f"{self.caption}\n".encode()
-        paths = [Path(f"{stem}{end}") for end in contents]
+        contents = {
+            Path(f"{stem}.png"): self.png(),
+            Path(f"{stem}.svg"): self.svg(),
+            Path(f"{stem}.csv"): self.csv().encode(),
+            Path(f"{stem}.txt"): f"{self.caption}\n".encode(),
+        }
         with contextlib.ExitStack() as stack:
             # All four are on the disk before the first one is renamed.
-            for path, content in zip(paths, contents.values(), strict=True):
+            for path, content in contents.items():
                 stack.enter_context(atomic_write(path)).write_bytes(content)
-        return tuple(paths)
+        return tuple(contents)
 
     def _bytes(self, kind: str, metadata: dict[str, Any]) -> bytes:
-        buffer, dots = io.BytesIO(), SETTINGS["savefig.dpi"]
+        """Return the picture in a format of matplotlib."""
+        buffer = io.BytesIO()
+        dpi = SETTINGS["savefig.dpi"]
         with styled():
-            self.figure.savefig(buffer, format=kind, dpi=dots, metadata=metadata)
+            self.figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
         return buffer.getvalue()
 
 
@@ -99,18 +121,26 @@ def styled() -> Iterator[None]:
 
     # The user's settings file is ignored, and so is the backend: reading it imports
     # pyplot.
-    defaults: Any = {
-        k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")
+    settings: dict[Any, Any] = {
+        name: value
+        for name, value in mpl.rcParamsDefault.items()
+        if not name.startswith("backend")
     }
-    with mpl.rc_context(defaults | dict(SETTINGS)):
+    with mpl.rc_context(settings | dict(SETTINGS)):
         yield
 
 
 def new_figure(
     width: float, height: float, columns: int = 1
 ) -> tuple[Figure, NDArray[Any]]:
-    """Make a figure with `columns` axes side by side, in inches.  Call it inside
-    `styled()`.
+    """Create a figure with axes side by side.  Call it inside `styled()`.
+
+    Args:
+        width, height: the size of the figure in inches.
+        columns: the number of axes.
+
+    Returns:
+        The figure and the array of its axes.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -121,9 +151,14 @@ def new_figure(
 
 
 def logarithmic(axes: Any, name: str) -> None:
-    """Make the axis called `name` ("x" or "y") logarithmic; call it once the data are
-    drawn.  It has ticks at 1, 2 and 5 on a short range and at decades otherwise,
-    because the labels of all minor ticks would overlap.
+    """Make an axis logarithmic, once the data are drawn.
+
+    It has ticks at 1, 2 and 5 on a short range and at decades otherwise, because the
+    labels of all minor ticks would overlap.
+
+    Args:
+        axes: the axes of matplotlib.
+        name: the axis, "x" or "y".
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -131,14 +166,17 @@ def logarithmic(axes: Any, name: str) -> None:
     axis = getattr(axes, f"{name}axis")
     low, high = axis.get_view_interval()
     axis.set_minor_formatter(NullFormatter())
-    if high < 200 * low:
+    if high < _SHORT_RANGE * low:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(FuncFormatter(_tick))
+        axis.set_major_formatter(FuncFormatter(_tick_label))
 
 
-def _tick(value: float, _: object) -> str:
+def _tick_label(value: float, _: object) -> str:
+    """Return the label of a tick, with a power of ten outside of 0.01 to 10000."""
     if 0.01 <= value < 1e4:
         return f"{value:g}"
     power = math.floor(math.log10(value) + 1e-9)
     factor = f"{value / 10**power:g}"
-    return rf"$10^{{{power}}}$" if factor == "1" else rf"${factor}\times10^{{{power}}}$"
+    if factor == "1":
+        return rf"$10^{{{power}}}$"
+    return rf"${factor}\times10^{{{power}}}$"

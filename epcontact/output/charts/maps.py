@@ -2,7 +2,7 @@
 convergence maps.
 
 They need only matplotlib, so they work on machines that cannot draw in three
-dimensions. It is imported where it is used, because its import takes longer than most
+dimensions.  It is imported where it is used, because its import takes longer than most
 commands.  Arrays are [x, y]; pictures show x to the right and y upward.
 """
 
@@ -25,6 +25,12 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 #: Most points along the longer side of a drawn field; finer grids are drawn with a
 #: stride.
 POINTS = 2048
+#: Most labelled values along a side of a convergence map.
+_MOST_TICKS = 6
+_MAP_CAPTION = "Contact state and contact pressure, seen from above."
+_PROFILE_CAPTION = (
+    "A line contact: deformed profile under the rigid flat, and pressure."
+)
 
 
 def contact_map(
@@ -35,21 +41,35 @@ def contact_map(
     hardness: float = np.inf,
     caption: str = "",
 ) -> Chart:
-    """Figure 3 of the paper, from above: the contact state and the pressure side by
-    side.
+    """Draw Figure 3 of the paper: contact state and pressure from above, side by side.
+
+    Args:
+        state: the contact state [x, y] of each point: APART, ELASTIC or PLASTIC.
+        pressure: the contact pressure [x, y] in Pa.
+        spacing: distance of neighbouring points along each direction, in m.
+        hardness: the end of the pressure's colour scale in Pa; infinite: the largest
+            pressure.
+        caption: the caption of the chart; "" for the usual one.
+
+    Returns:
+        The chart; its data are the fraction of points of each state and the mean
+        pressure.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    top = hardness if np.isfinite(hardness) else float(np.max(pressure))
-    shares = {kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)}
-    colours = ListedColormap(
-        [STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)]
-    )
+    largest = hardness
+    if not np.isfinite(hardness):
+        largest = float(np.max(pressure))
+    fractions = {
+        kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)
+    }
+    state_colours = [STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)]
+    look = {"cmap": ListedColormap(state_colours), "vmin": APART, "vmax": PLASTIC}
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
-        show_field(left, state, spacing, cmap=colours, vmin=APART, vmax=PLASTIC)
-        image, unit = _show_pressure(right, pressure, spacing, top)
+        show_field(left, state, spacing, **look)
+        image, unit = _show_pressure(right, pressure, spacing, largest)
         bar = figure.colorbar(image, ax=right, shrink=0.82)
         bar.set_label(f"pressure ({unit}), white: none")
         left.set_title("contact state (shares of grid points)")
@@ -59,20 +79,26 @@ def contact_map(
                 facecolor=STATE_COLOURS[kind],
                 edgecolor="#555555",
                 linewidth=0.6,
-                label=f"{STATE_NAMES[kind]} {100 * share:.2f} %",
+                label=f"{STATE_NAMES[kind]} {100 * fraction:.2f} %",
             )
-            for kind, share in shares.items()
+            for kind, fraction in fractions.items()
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    rows = [(STATE_NAMES[kind], share) for kind, share in shares.items()]
+    rows = [(STATE_NAMES[kind], fraction) for kind, fraction in fractions.items()]
     rows.append(("mean_pressure_Pa", float(np.mean(pressure, dtype=np.float64))))
-    caption = caption or "Contact state and contact pressure, seen from above."
-    return Chart(figure, ("quantity", "share_of_points_or_value"), rows, caption)
+    header = ("quantity", "share_of_points_or_value")
+    return Chart(figure, header, rows, caption or _MAP_CAPTION)
 
 
 def map_of_file(path: Path | str, caption: str = "") -> Chart:
-    """The contact map of the fields in a .vti file, or the profile of a line.  Raises
-    OutputError if the file cannot be read or holds no contact.
+    """Draw the contact map of a .vti file, or the profile of a line.
+
+    Args:
+        path: the file, with the fields state, pressure and gap.
+        caption: the caption of the chart; "" for the usual one.
+
+    Raises:
+        OutputError: if the file cannot be read or lacks a field.
     """
     file = read_fields(path)
     fields = {name: file.field(name) for name in ("state", "pressure", "gap")}
@@ -85,7 +111,14 @@ def map_of(
     hardness: float,
     caption: str,
 ) -> Chart:
-    """The contact map of fields, or the profile of a line."""
+    """Draw the contact map of a surface, or the profile of a line.
+
+    Args:
+        fields: the state, pressure (Pa) and gap (m), by name.
+        spacing: distance of neighbouring points along each direction, in m.
+        hardness: the hardness in Pa; infinite for none.
+        caption: the caption of the chart.
+    """
     state, pressure, gap = (fields[name] for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
         return contact_profile(state, pressure, gap, spacing, caption=caption)
@@ -95,19 +128,24 @@ def map_of(
 def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
     """Draw the lines in .vti files, each as a profile, all in the scales of the
     largest.
+
+    Raises:
+        OutputError: if a file cannot be read or lacks a field.
     """
     files = [read_fields(source) for source in sources]
-    deepest, top = (
-        max(float(f.field(n).max()) for f in files) for n in ("gap", "pressure")
-    )
-    for f in files:
-        state, pressure, gap = (f.field(name) for name in ("state", "pressure", "gap"))
-        yield contact_profile(state, pressure, gap, f.spacing, tops=(deepest, top))
+    largest_gap = max(float(file.field("gap").max()) for file in files)
+    largest_pressure = max(float(file.field("pressure").max()) for file in files)
+    for file in files:
+        state, pressure, gap = map(file.field, ("state", "pressure", "gap"))
+        limits = (largest_gap, largest_pressure)
+        yield contact_profile(state, pressure, gap, file.spacing, limits=limits)
 
 
 def save_map(source: Path, target: Path) -> None:
     """Draw the contact map of a .vti file to a .png, or to all files of a chart.
-    Raises OutputError if a file cannot be read or written.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
     """
     chart = map_of_file(source)
     if target.suffix == ".png":
@@ -123,27 +161,37 @@ def pressure_difference(
     *,
     names: tuple[str, str] = ("BEM", "FE"),
 ) -> Chart:
-    """The pressures (Pa) of two methods side by side, in one scale, with their
+    """Draw the pressures of two methods side by side, in one scale, with their
     difference.
+
+    Args:
+        first, second: the contact pressures [x, y] in Pa.
+        spacing: distance of neighbouring points along each direction, in m.
+        names: the names of the two methods.
+
+    Returns:
+        The chart; its data are the largest, mean and rms values.
     """
-    top = float(max(np.max(first), np.max(second)))
+    largest = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
-    most = float(np.max(np.abs(difference)))
+    largest_difference = float(np.max(np.abs(difference)))
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
-        for panel, field, name in zip(axes, (first, second), names, strict=False):
-            image, unit = _show_pressure(panel, field, spacing, top)
-            panel.set_title(name)
+        left, middle, right = axes
+        image, unit = _show_pressure(left, first, spacing, largest)
+        image, unit = _show_pressure(middle, second, spacing, largest)
         figure.colorbar(image, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
-        scale, unit = unit_for(most, "Pa")
-        bound = most / scale or 1.0
+        scale, unit = unit_for(largest_difference, "Pa")
+        bound = largest_difference / scale or 1.0
         look = {"cmap": style.DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
-        image = show_field(axes[2], difference / scale, spacing, **look)
-        axes[2].set_title(f"{names[0]} minus {names[1]}")
-        figure.colorbar(image, ax=axes[2], shrink=0.82, label=f"difference ({unit})")
+        image = show_field(right, difference / scale, spacing, **look)
+        figure.colorbar(image, ax=right, shrink=0.82, label=f"difference ({unit})")
+        left.set_title(names[0])
+        middle.set_title(names[1])
+        right.set_title(f"{names[0]} minus {names[1]}")
     rows = [
-        ("largest_pressure_Pa", top),
-        ("largest_difference_Pa", most),
+        ("largest_pressure_Pa", largest),
+        ("largest_difference_Pa", largest_difference),
         ("rms_difference_Pa", float(np.sqrt(np.mean(difference**2)))),
         ("mean_pressure_first_Pa", float(np.mean(first, dtype=np.float64))),
         ("mean_pressure_second_Pa", float(np.mean(second, dtype=np.float64))),
@@ -159,50 +207,63 @@ def contact_profile(
     spacing: tuple[float, ...],
     *,
     caption: str = "",
-    tops: tuple[float, float] | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Chart:
-    """A line contact: the deformed profile under the rigid flat, and the pressure.  The
-    axes end at `tops`, a gap (m) and a pressure (Pa), by default the largest.
+    """Draw a line contact: the deformed profile under the rigid flat, and the pressure.
+
+    Args:
+        state: the contact state [x] of each point: APART, ELASTIC or PLASTIC.
+        pressure: the contact pressure [x] in Pa.
+        gap: the gap [x] in m.
+        spacing: distance of neighbouring points in m, one number.
+        caption: the caption of the chart; "" for the usual one.
+        limits: the gap (m) and the pressure (Pa) at which the axes end; None: the
+            largest ones.
+
+    Returns:
+        The chart; its data are the arguments at every point.
     """
-    x, depth = np.arange(state.size) * spacing[0], np.maximum(gap, 0.0)
-    deepest, top = tops or (float(np.max(depth)), float(np.max(pressure)))
-    across, length_unit = unit_for(state.size * spacing[0], "m")
-    (up, height_unit), (scale, unit) = unit_for(deepest, "m"), unit_for(top, "Pa")
+    x = np.arange(state.size) * spacing[0]
+    depth = np.maximum(gap, 0.0)
+    if limits is None:
+        limits = (float(np.max(depth)), float(np.max(pressure)))
+    x_scale, x_unit = unit_for(state.size * spacing[0], "m")
+    depth_scale, depth_unit = unit_for(limits[0], "m")
+    pressure_scale, pressure_unit = unit_for(limits[1], "Pa")
+    deepest = limits[0] / depth_scale
     with styled():
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
         left.fill_between(
-            x / across, -depth / up, -1.05 * deepest / up, color="#d9d9d9"
+            x / x_scale, -depth / depth_scale, -1.05 * deepest, color="#d9d9d9"
         )
         for kind in (ELASTIC, PLASTIC):
-            look = {
-                "color": STATE_COLOURS[kind],
-                "label": f"{STATE_NAMES[kind]} contact",
-            }
-            bar = {"where": state == kind, "step": "mid", "linewidth": 1.0}
-            left.fill_between(x / across, 0.0, 0.04 * deepest / up, **bar, **look)
-        left.set(
-            ylabel=f"height below the flat ({height_unit})", title="profile in contact"
-        )
+            left.fill_between(
+                x / x_scale,
+                0.0,
+                0.04 * deepest,
+                where=state == kind,
+                step="mid",
+                linewidth=1.0,
+                color=STATE_COLOURS[kind],
+                label=f"{STATE_NAMES[kind]} contact",
+            )
+        left.set_ylabel(f"height below the flat ({depth_unit})")
+        left.set_title("profile in contact")
         left.legend(loc="lower right", frameon=True)
-        right.fill_between(x / across, pressure / scale, step="mid", color="#0072b2")
-        mean = f"contact pressure, mean {float(np.mean(pressure)) / scale:.4g} {unit}"
-        right.set(
-            ylabel=f"pressure ({unit})",
-            ylim=(0, 1.05 * top / scale or None),
-            title=mean,
+        right.fill_between(
+            x / x_scale, pressure / pressure_scale, step="mid", color="#0072b2"
         )
+        right.set_ylabel(f"pressure ({pressure_unit})")
+        right.set_ylim(0, 1.05 * limits[1] / pressure_scale or None)
+        mean = float(np.mean(pressure)) / pressure_scale
+        right.set_title(f"contact pressure, mean {mean:.4g} {pressure_unit}")
         for axes in (left, right):
             axes.margins(x=0)
-            axes.set_xlabel(f"x ({length_unit})")
-    names = ("x_m", "state", "pressure_Pa", "gap_m")
-    rows = list(
-        zip(*(column.tolist() for column in (x, state, pressure, gap)), strict=True)
-    )
-    caption = (
-        caption
-        or "A line contact: deformed profile under the rigid flat, and pressure."
-    )
-    return Chart(figure, names, rows, caption)
+            axes.set_xlabel(f"x ({x_unit})")
+    columns = [column.tolist() for column in (x, state, pressure, gap)]
+    rows = [*zip(*columns, strict=True)]
+    header = ("x_m", "state", "pressure_Pa", "gap_m")
+    return Chart(figure, header, rows, caption or _PROFILE_CAPTION)
 
 
 def stability_map(
@@ -214,34 +275,49 @@ def stability_map(
     count: str,
     caption: str,
 ) -> Chart:
-    """A map for each method of the parameters at which it converges, and of its effort.
-    An effort has the shape (len(x), len(y)); NaN means that the method failed there,
-    which a cross shows.
+    """Draw for each method at which parameters it converges, and by what effort.
+
+    Args:
+        effort: the effort of each method, an array (len(x), len(y)).  NaN means that
+            the method failed, which a cross shows.
+        x, y: the values of the two parameters.
+        labels: the labels of x and y.
+        count: the name of the effort.
+        caption: the caption of the chart.
+
+    Returns:
+        The chart; its data have a row for each method and pair of parameters.
     """
     from matplotlib.colors import LogNorm
 
-    across, up = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
+    x_values, y_values = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}
-    known = np.concatenate([t[np.isfinite(t)] for t in tables.values()])
-    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
+    finite = np.concatenate([t[np.isfinite(t)] for t in tables.values()])
+    low, high = 1.0, 10.0
+    if finite.size:
+        low, high = float(finite.min()), float(finite.max())
     norm = LogNorm(max(low, 1.0), max(high, low + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
-            look = {"cmap": style.STRESS_MAP, "norm": norm}
-            image = axes.imshow(table.T, origin="lower", aspect="auto", **look)
-            failed = np.argwhere(~np.isfinite(table))
-            axes.plot(
-                *failed.T, "x", color="#d55e00", markersize=6, markeredgewidth=1.6
+            image = axes.imshow(
+                table.T,
+                origin="lower",
+                aspect="auto",
+                cmap=style.STRESS_MAP,
+                norm=norm,
             )
+            failed_x, failed_y = np.nonzero(~np.isfinite(table))
+            cross = {"color": "#d55e00", "markersize": 6, "markeredgewidth": 1.6}
+            axes.plot(failed_x, failed_y, "x", **cross)
             axes.set(title=name, xlabel=typeset(labels[0]))
             axes.grid(False)
-            axes.set_xticks(*_few_ticks(across), rotation=45)
-            axes.set_yticks(*_few_ticks(up))
+            axes.set_xticks(*_few_ticks(x_values), rotation=45)
+            axes.set_yticks(*_few_ticks(y_values))
         panels[0].set_ylabel(typeset(labels[1]))
         figure.colorbar(image, ax=list(panels), label=f"{count} (crossed: failed)")
     rows = [
-        (name, float(across[i]), float(up[j]), float(table[i, j]))
+        (name, float(x_values[i]), float(y_values[j]), float(table[i, j]))
         for name, table in tables.items()
         for i, j in np.ndindex(table.shape)
     ]
@@ -249,40 +325,58 @@ def stability_map(
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
-    places = np.unique(np.linspace(0, values.size - 1, min(values.size, 6)).astype(int))
-    return places.tolist(), [f"{values[i]:.3g}" for i in places]
+    """Return the places and the labels of a few values along an axis."""
+    count = min(values.size, _MOST_TICKS)
+    places = np.unique(np.linspace(0, values.size - 1, count).astype(int))
+    return places.tolist(), [f"{values[place]:.3g}" for place in places]
 
 
 def show_field(
     axes: Any, field: NDArray[Any], spacing: tuple[float, ...], **look: Any
 ) -> Any:
-    """Draw a field (nx, ny) as an image with `look`, and return the image.  Where
-    several points share a pixel, colours are averaged and not values, because a state
-    has no mean and a thin contact must remain visible.
+    """Draw a field as an image of one period.
+
+    If several points share a pixel, their colours are averaged and not their values,
+    because a state has no mean and a thin contact must remain visible.
+
+    Args:
+        axes: the axes of matplotlib.
+        field: the values [x, y].
+        spacing: distance of neighbouring points along each direction, in m.
+        look: keywords of `Axes.imshow`, such as the colour map.
+
+    Returns:
+        The image of matplotlib.
     """
-    step = -(-max(field.shape) // POINTS)
-    width, height = periods = np.multiply(field.shape, spacing)
+    stride = -(-max(field.shape) // POINTS)
+    periods = np.multiply(field.shape, spacing)
     scale, unit = unit_for(float(periods.max()), "m")
     # The first grid point is at the origin, each is the centre of its pixel, and the
     # first ones follow once more, so that the picture is one period.
-    drawn = field[np.ix_(*(np.arange(0, n + step, step) % n for n in field.shape))]
-    pixels = list(zip(drawn.shape, spacing, strict=True))
-    extent = [edge * step * d / scale for n, d in pixels for edge in (-0.5, n - 0.5)]
-    averaged = {"interpolation_stage": "rgba", "origin": "lower", "extent": extent}
-    image = axes.imshow(drawn.T, **averaged, **look)
+    points = [np.arange(0, count + stride, stride) % count for count in field.shape]
+    drawn = field[np.ix_(*points)]
+    extent = []
+    for count, distance in zip(drawn.shape, spacing, strict=True):
+        pixel = stride * distance / scale
+        extent += [-0.5 * pixel, (count - 0.5) * pixel]
+    image = axes.imshow(
+        drawn.T, interpolation_stage="rgba", origin="lower", extent=extent, **look
+    )
+    width, height = periods / scale
     axes.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")
-    axes.set(xlim=(0, width / scale), ylim=(0, height / scale))
+    axes.set(xlim=(0, width), ylim=(0, height))
     axes.grid(False)
     return image
 
 
 def _show_pressure(
-    axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], top: float
+    axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], largest: float
 ) -> tuple[Any, str]:
-    """Draw a pressure (Pa) up to `top`, white where there is none; return image and
-    unit.
+    """Draw a pressure (Pa) up to the largest of the scale, white where it is zero, and
+    return the image and the unit of the scale.
     """
-    scale, unit = unit_for(top, "Pa")
-    shown = np.ma.masked_less_equal(np.asarray(pressure, dtype=np.float32) / scale, 0.0)
-    look = {"cmap": style.PRESSURE_MAP, "vmin": 0.0, "vmax": top / scale}
-    return show_field(axes, shown, spacing, **look), unit
+    scale, unit = unit_for(largest, "Pa")
+    scaled = np.asarray(pressure, dtype=np.float32) / scale
+    positive = np.ma.masked_less_equal(scaled, 0.0)
+    look = {"cmap": style.PRESSURE_MAP, "vmin": 0.0, "vmax": largest / scale}
+    return show_field(axes, positive, spacing, **look), unit

@@ -1,5 +1,4 @@
-"""One way to draw curves: a table of points, and a `Plot` that says what of it is
-shown, and how.
+"""One way to draw curves: a table of points, and a `Plot` that says how it is drawn.
 
 A table is tidy: it has one row for each point, and its columns are named with their
 units.
@@ -9,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,38 +26,47 @@ from epcontact.output.charts.style import (
 )
 from epcontact.results import FloatArray
 
-#: Error bars stand side by side, within so many points of length at their marks.
-_ABREAST = 6.0
+#: Error bars of several series stand side by side within this width, and two are at
+#: most this far from each other (points of length).
+_BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
+#: A series of more points has smaller marks.
+_FEW_POINTS = 25
 _FILLS = {"open": "none", "half": "left"}
 _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
+_ZERO_LABEL = "open, on the axis: 0"
 
 
 @dataclass(frozen=True)
 class Plot:
-    """The look of the chart of a table.
+    """How the chart of a table is drawn.
 
-    x, y: the columns of the two axes, each with its label.  Columns `<y>_low` and
-        `<y>_high` are drawn as error bars, along curves as bands.
-    series: columns whose values name a series, joined by commas (an empty one is left
-        out); the legend has the series in the order of their first rows.
-    styles: how series are drawn, by their name or a value of one of their columns:
-        "points" (marks joined by lines), "marks", "open" or "half" (full, open or half
-        open marks alone) or "curve" (no marks); a column `style` of the table does the
-        same.  Others have the style `style`.
-    colour: the column whose values share a colour, with `colours` from value to colour,
-        or in turn; none: each series has its own.
-    mark: the column whose values share a mark, or the dashes of a curve; none: as of
-        the colour.
-    labels: entries of the legend that differ from the names of the series; "_" is none.
-    scale: what x and y are divided by in the picture; the data keep their units.
-    log: the axes that are logarithmic, "x", "y" or "xy".
-    ticks: places along x that are labelled; limits: of the axes, as keywords of
-        `Axes.set`.
-    level: height of a dotted line; upright: places of dotted upright lines, by their
-        labels.
-    orders: series whose observed order is shown in the legend as a positive number.
-    front: draw the Pareto front of all series except curves; x is a cost and y an
-        error.
+    Attributes:
+        x, y: the columns of the two axes, each with the label of its axis.  Columns
+            `<y>_low` and `<y>_high` are drawn as error bars, along curves as bands.
+        series: columns whose values name a series, joined by commas without empty ones.
+            The legend has the series in the order of their first rows.
+        styles: how series are drawn, by their name or a value of one of their columns:
+            "points" (marks joined by lines), "marks", "open" or "half" (full, open or
+            half open marks alone) or "curve" (no marks).  A column `style` of the table
+            does the same.
+        style: how the other series are drawn.
+        colour: the column whose values share a colour; "": each series has its own.
+        colours: the colours by values of that column; others follow in turn.
+        mark: the column whose values share a mark, or the dashes of a curve; "": each
+            series has its own.
+        labels: entries of the legend that differ from the names of the series; "_" is
+            no entry.
+        scale: x and y are divided by these numbers in the picture; the data keep their
+            units.
+        log: the axes that are logarithmic, "x", "y" or "xy".
+        ticks: the places along x that are labelled.
+        limits: limits of the axes, as keywords of `Axes.set`.
+        level: the height of a dotted line; None: no line.
+        upright: the places of dotted upright lines, by their labels.
+        orders: the series whose observed order is shown in the legend as a positive
+            number.
+        front: whether to draw the Pareto front of all series but curves; x is a cost
+            and y an error then.
     """
 
     x: tuple[str, str]
@@ -81,9 +89,16 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class _Line:
-    """One series: its points, their bounds (NaN for none), its style, and the values of
-    the columns by which it shares its colour and its mark.
+class _Series:
+    """One series of a chart.
+
+    Attributes:
+        name: its name.
+        x, y: its points.
+        low, high: the bounds of y; NaN if there are none.
+        style: how it is drawn, see `Plot.styles`.
+        colour_key: series of the same key share a colour.
+        mark_key: series of the same key share a mark.
     """
 
     name: str
@@ -92,212 +107,265 @@ class _Line:
     low: FloatArray
     high: FloatArray
     style: str
-    group: Any
-    kind: Any
+    colour_key: Any
+    mark_key: Any
 
     @property
-    def bounded(self) -> bool:
+    def has_bounds(self) -> bool:
         return not np.isnan(self.low).all()
 
     @property
-    def barred(self) -> bool:
-        return self.bounded and self.style != "curve"
+    def has_bars(self) -> bool:
+        return self.has_bounds and self.style != "curve"
+
+    def rows(self) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows of the data: the name, x, y and their bounds or ""."""
+        columns = np.column_stack([self.x, self.y, self.low, self.high])
+        for x, y, low, high in columns.tolist():
+            if self.has_bounds:
+                yield self.name, x, y, low, high
+            else:
+                yield self.name, x, y, "", ""
 
 
 def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
-    """Draw a table as series on one pair of axes, with the legend beside it.  Points
-    that are not finite, or not positive on a logarithmic axis, are left out of the
-    picture; values of zero of joined points are drawn as open marks at its lower edge.
-    The CSV of the chart has the columns series, x, y, low and high.  Raises ValueError
-    if there is no point to draw.
+    """Draw a table as series on one pair of axes, with the legend beside them.
+
+    Points that are not finite, or not positive on a logarithmic axis, are left out of
+    the picture; values of zero of joined points are drawn as open marks at its lower
+    edge.
+
+    Args:
+        table: a row for each point.
+        plot: the columns that are drawn, and how.
+        caption: the caption.  A sentence is added if most intervals are wider than the
+            differences between the series.
+
+    Returns:
+        The chart; its data have the columns series, x, y, low and high.
+
+    Raises:
+        ValueError: if there is no point to draw.
     """
     groups = table.groupby(list(plot.series), sort=False, dropna=False)
-    lines = [_line(values, group, plot) for values, group in groups]
-    if not any((np.isfinite(one.x) & np.isfinite(one.y)).any() for one in lines):
+    all_series = [_series(values, group, plot) for values, group in groups]
+    finite = [np.isfinite(one.x) & np.isfinite(one.y) for one in all_series]
+    if not any(map(np.any, finite)):
         raise ValueError("there is nothing to draw: no series has a finite point")
-    undecided, looks = _undecided(lines), _looks(lines, plot)
+    warning = _interval_warning(all_series)
+    looks = _looks(all_series, plot)
     with styled():
         figure, (axes,) = new_figure(6.4, 3.9)
-        count = sum(one.barred for one in lines)
-        places = iter(np.linspace(-0.5, 0.5, count) * min(2.0 * (count - 1), _ABREAST))
-        for one, look in zip(lines, looks, strict=True):
-            _draw(axes, one, look, plot, next(places) if one.barred else 0.0)
+        shifts = _bar_shifts(all_series)
+        for one, look, shift in zip(all_series, looks, shifts, strict=True):
+            _draw_series(axes, one, look, plot, shift)
         axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
         if plot.ticks:
-            axes.set_xticks(
-                plot.ticks, [f"{tick:g}" for tick in plot.ticks], minor=False
-            )
+            labels = [f"{tick:g}" for tick in plot.ticks]
+            axes.set_xticks(plot.ticks, labels, minor=False)
             axes.set_xticks([], minor=True)
         if "y" in plot.log:
-            _draw_zeros(axes, lines, looks)
+            _draw_zeros(axes, all_series, looks)
         _draw_guides(axes, plot)
         if plot.front:
-            _draw_front(axes, [one for one in lines if one.style != "curve"])
+            _draw_front(axes, all_series)
         # Beside the axes the legend can cover no point.
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-        if undecided:
-            axes.set_title(
-                "the intervals are wider than the differences", color="#a63c00"
-            )
-    rows = [
-        (one.name, x, y, *((low, high) if one.bounded else ("", "")))
-        for one in lines
-        for x, y, low, high in np.column_stack(
-            [one.x, one.y, one.low, one.high]
-        ).tolist()
-    ]
-    words = f"{caption} {undecided}".rstrip()
-    columns = ("series", plot.x[0], plot.y[0], "low", "high")
-    return Chart(figure, columns, rows, typeset(words, mathtext=False))
+        if warning:
+            title = "the intervals are wider than the differences"
+            axes.set_title(title, color="#a63c00")
+    header = ("series", plot.x[0], plot.y[0], "low", "high")
+    rows = [row for one in all_series for row in one.rows()]
+    text = f"{caption} {warning}".rstrip()
+    return Chart(figure, header, rows, typeset(text, mathtext=False))
 
 
-def _line(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Line:
+def _series(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Series:
+    """Return the series of the rows that have these values in the columns
+    `plot.series`.
+    """
     name = ", ".join(str(value) for value in values if value != "")
-    style = group["style"].iloc[0] if "style" in group else None
+    style = None
+    if "style" in group:
+        style = group["style"].iloc[0]
     if not isinstance(style, str):
-        known = (plot.styles[key] for key in (name, *values) if key in plot.styles)
-        style = next(known, plot.style)
-    columns = [plot.x[0], plot.y[0], f"{plot.y[0]}_low", f"{plot.y[0]}_high"]
+        keys = (key for key in (name, *values) if key in plot.styles)
+        style = plot.styles.get(next(keys, None), plot.style)
+    y_column = plot.y[0]
+    columns = [plot.x[0], y_column, f"{y_column}_low", f"{y_column}_high"]
     x, y, low, high = group.reindex(columns=columns).to_numpy(np.float64).T
-    colour, mark = (
-        group[by].iloc[0] if by else name for by in (plot.colour, plot.mark)
-    )
-    return _Line(name, x, y, low, high, style, colour, mark)
+    colour_key = group[plot.colour].iloc[0] if plot.colour else name
+    mark_key = group[plot.mark].iloc[0] if plot.mark else name
+    return _Series(name, x, y, low, high, style, colour_key, mark_key)
 
 
-def _looks(lines: Sequence[_Line], plot: Plot) -> list[dict[str, Any]]:
-    """The colour, mark and dashes of each series, as keywords of matplotlib's `plot`.
+def _looks(all_series: Sequence[_Series], plot: Plot) -> list[dict[str, Any]]:
+    """Return colour, mark and dashes of each series, as keywords of `Axes.plot`.
+
     A series whose name begins with a method's name has the colour of the method; the
     others share the remaining colours of the cycle.  Curves have dashes but no marks.
     """
-    own = [METHOD_COLOURS.get(one.name.split(" ")[0].rstrip(",:")) for one in lines]
-    taken = METHOD_COLOURS.values() if any(own) else ()
-    rest = itertools.cycle(colour for colour in CYCLE if colour not in taken)
-    kinds: dict[bool, dict[Any, int]] = {
-        False: {},
-        True: {},
-    }  # of curves, and of the others
-    groups = dict.fromkeys(one.group for one in lines)
-    shared = (
-        dict(zip(groups, CYCLE, strict=False)) | dict(plot.colours)
-        if plot.colour
-        else {}
-    )
+    of_methods = [_method_colour(one.name) for one in all_series]
+    taken = METHOD_COLOURS.values() if any(of_methods) else ()
+    free = itertools.cycle(colour for colour in CYCLE if colour not in taken)
+    shared: dict[Any, str] = {}
+    if plot.colour:
+        keys = dict.fromkeys(one.colour_key for one in all_series)
+        shared = dict(zip(keys, CYCLE, strict=False)) | dict(plot.colours)
+    mark_numbers: dict[Any, int] = {}
+    dash_numbers: dict[Any, int] = {}
     looks = []
-    for one, colour in zip(lines, own, strict=True):
-        curve, alone = one.style == "curve", one.style in ("marks", *_FILLS)
-        number = kinds[curve].setdefault(one.kind, len(kinds[curve]))
-        look: dict[str, Any] = {"color": colour or next(rest)}
-        look["marker"] = None if curve else MARKERS[number % len(MARKERS)]
-        dashes = DASHES[number % len(DASHES)]
-        look["linestyle"] = dashes if curve else "none" if alone else "-"
-        look["color"] = shared.get(one.group, look["color"])
-        look |= {"fillstyle": _FILLS[one.style]} if one.style in _FILLS else {}
-        if not curve and one.x.size > 25:
-            look["markersize"] = 3.0
+    for one, of_method in zip(all_series, of_methods, strict=True):
+        colour = of_method or next(free)
+        look: dict[str, Any] = {"color": shared.get(one.colour_key, colour)}
+        if one.style == "curve":
+            number = dash_numbers.setdefault(one.mark_key, len(dash_numbers))
+            look["linestyle"] = DASHES[number % len(DASHES)]
+        else:
+            number = mark_numbers.setdefault(one.mark_key, len(mark_numbers))
+            look["marker"] = MARKERS[number % len(MARKERS)]
+            if one.style != "points":
+                look["linestyle"] = "none"
+            if one.style in _FILLS:
+                look["fillstyle"] = _FILLS[one.style]
+            if one.x.size > _FEW_POINTS:
+                look["markersize"] = 3.0
         looks.append(look)
     return looks
 
 
-def _draw(
-    axes: Any, one: _Line, look: Mapping[str, Any], plot: Plot, aside: float
+def _method_colour(name: str) -> str | None:
+    """Return the colour of the method with which the name of a series begins."""
+    return METHOD_COLOURS.get(name.partition(" ")[0].rstrip(",:"))
+
+
+def _bar_shifts(all_series: Sequence[_Series]) -> list[float]:
+    """Return how far the error bars of each series are from its points (points of
+    length).
+    """
+    count = sum(one.has_bars for one in all_series)
+    width = min(_BAR_DISTANCE * (count - 1), _BARS_WIDTH)
+    shifts = iter(np.linspace(-0.5, 0.5, count) * width)
+    return [next(shifts) if one.has_bars else 0.0 for one in all_series]
+
+
+def _draw_series(
+    axes: Any, one: _Series, look: Mapping[str, Any], plot: Plot, shift: float
 ) -> None:
-    """Draw a series, its error bars so many points of length beside its marks."""
+    """Draw a series, and its error bars beside its points by `shift` (points of
+    length).
+    """
     from matplotlib.transforms import ScaledTranslation
 
-    order = abs(observed_order(one.x, one.y)) if one.name in plot.orders else math.nan
-    name = f"{one.name}: order {order:.2f}" if math.isfinite(order) else one.name
-    good = np.isfinite(one.x) & np.isfinite(one.y)
+    label = one.name
+    if one.name in plot.orders:
+        order = abs(observed_order(one.x, one.y))
+        if math.isfinite(order):
+            label = f"{one.name}: order {order:.2f}"
+    drawn = np.isfinite(one.x) & np.isfinite(one.y)
     if "y" in plot.log:
-        good &= one.y > 0
-    x, unit = one.x[good] / plot.scale[0], plot.scale[1]
-    axes.plot(
-        x, one.y[good] / unit, label=typeset(plot.labels.get(one.name, name)), **look
-    )
-    if not one.bounded:
+        drawn &= one.y > 0
+    x_scale, y_scale = plot.scale
+    x = one.x[drawn] / x_scale
+    label = typeset(plot.labels.get(one.name, label))
+    axes.plot(x, one.y[drawn] / y_scale, label=label, **look)
+    if not one.has_bounds:
         return
-    bounds = x, one.low[good] / unit, one.high[good] / unit
+    low, high = one.low[drawn] / y_scale, one.high[drawn] / y_scale
+    colour = look["color"]
     if one.style == "curve":
-        axes.fill_between(*bounds, color=look["color"], alpha=0.2, linewidth=0)
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
         return
-    bars = axes.vlines(*bounds, color=look["color"], linewidth=0.9)
-    move = ScaledTranslation(aside / 72, 0, axes.figure.dpi_scale_trans)
+    bars = axes.vlines(x, low, high, color=colour, linewidth=0.9)
+    move = ScaledTranslation(shift / 72, 0, axes.figure.dpi_scale_trans)
     bars.set_transform(axes.transData + move)
 
 
 def _draw_zeros(
-    axes: Any, lines: Sequence[_Line], looks: Sequence[dict[str, Any]]
+    axes: Any, all_series: Sequence[_Series], looks: Sequence[dict[str, Any]]
 ) -> None:
     """Draw open marks on the lower edge of a logarithmic axis for values that are
     exactly zero.
     """
-    floor = axes.get_ylim()[0]
-    for one, look in zip(lines, looks, strict=True):
+    lower_edge = axes.get_ylim()[0]
+    for one, look in zip(all_series, looks, strict=True):
         x = one.x[one.y == 0]
-        if one.style == "points" and x.size:
-            hollow = look | {"linestyle": "none", "fillstyle": "none", "clip_on": False}
-            known = "open, on the axis: 0" in axes.get_legend_handles_labels()[1]
-            label = "_" if known else "open, on the axis: 0"
-            axes.plot(x, np.full(x.size, floor), label=label, **hollow)
-            axes.set_ylim(bottom=floor)
+        if one.style != "points" or x.size == 0:
+            continue
+        label = _ZERO_LABEL
+        if label in axes.get_legend_handles_labels()[1]:
+            label = "_"  # the legend has it once
+        hollow = {"linestyle": "none", "fillstyle": "none", "clip_on": False}
+        axes.plot(x, np.full(x.size, lower_edge), label=label, **(look | hollow))
+        axes.set_ylim(bottom=lower_edge)
 
 
 def _draw_guides(axes: Any, plot: Plot) -> None:
+    """Draw the level and the upright lines with their labels."""
     if plot.level is not None:
         axes.axhline(plot.level, **_GUIDE)
     for label, x in plot.upright.items():
         axes.axvline(x, **_GUIDE)
+        pixels = axes.transData.transform((x, 0))
+        text, side = f" {typeset(label)}", "left"
         # A label in the right half of the picture is to the left of its line.
-        left = (
-            axes.transAxes.inverted().transform(axes.transData.transform((x, 0)))[0]
-            > 0.5
-        )
-        text = f"{typeset(label)} " if left else f" {typeset(label)}"
-        look = {"va": "top", "ha": "right" if left else "left", "color": "#555555"}
+        if axes.transAxes.inverted().transform(pixels)[0] > 0.5:
+            text, side = f"{typeset(label)} ", "right"
+        look = {"va": "top", "ha": side, "color": "#555555"}
         axes.annotate(text, (x, 0.985), xycoords=("data", "axes fraction"), **look)
 
 
-def _draw_front(axes: Any, lines: Sequence[_Line]) -> None:
-    """Draw the Pareto front of the points (cost, error) as steps behind them; an error
-    of zero is not on the axis, but it beats every dearer point and ends the front.
+def _draw_front(axes: Any, all_series: Sequence[_Series]) -> None:
+    """Draw the Pareto front of all points but those of curves as steps behind them.
+
+    An error of zero is not on the axis, but it beats every dearer point and ends the
+    front.
     """
-    cost, error = (np.concatenate([getattr(one, key) for one in lines]) for key in "xy")
+    points = [one for one in all_series if one.style != "curve"]
+    cost = np.concatenate([one.x for one in points])
+    error = np.concatenate([one.y for one in points])
     cheapest_exact = cost[error == 0].min(initial=np.inf)
-    shown = (error > 0) & (cost < cheapest_exact)
-    front = pareto_front(cost[shown], error[shown])
+    drawn = (error > 0) & (cost < cheapest_exact)
+    front = pareto_front(cost[drawn], error[drawn])
     look = {"color": "#999999", "linewidth": 4, "alpha": 0.4, "zorder": 0}
     axes.step(*front.T, where="post", label="Pareto front", **look)
 
 
-def _undecided(lines: Sequence[_Line]) -> str:
-    """Return a warning if intervals are wider than the differences of series at most
-    places.
+def _interval_warning(all_series: Sequence[_Series]) -> str:
+    """Return a sentence if intervals are wider than the differences of series at most
+    places where there are several, otherwise "".
     """
-    told = pd.DataFrame(
-        [
-            (f"{x:.6g}", y, high - low)
-            for one in lines
-            if one.barred
-            for x, y, low, high in zip(one.x, one.y, one.low, one.high, strict=True)
-        ],
-        columns=["x", "y", "width"],
-    ).dropna()
-    several = [place for _, place in told.groupby("x") if len(place) > 1]
-    wide = [place["width"].median() > np.ptp(place["y"]) for place in several]
+    tables = [
+        pd.DataFrame({"x": one.x, "y": one.y, "width": one.high - one.low})
+        for one in all_series
+        if one.has_bars
+    ]
+    if not tables:
+        return ""
+    points = pd.concat(tables).dropna()
+    places = points.groupby(points["x"].map("{:.6g}".format))
+    wide = [
+        place["width"].median() > np.ptp(place["y"])
+        for _, place in places
+        if len(place) > 1
+    ]
     if 2 * sum(wide) <= len(wide):
         return ""
     return (
-        "At most places the intervals are wider than the differences between the series, so this "
-        "chart does not tell them apart; more surfaces or a finer grid narrow the intervals."
+        "At most places the intervals are wider than the differences between the "
+        "series, so this chart does not tell them apart; more surfaces or a finer grid "
+        "narrow the intervals."
     )
 
 
 def observed_order(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the least-squares slope of log y against log x; NaN with fewer than two
-    points.
+    """Return the least-squares slope of log y against log x.
+
+    Points that are not positive and finite are left out; with fewer than two different
+    x the slope is NaN.
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
@@ -307,11 +375,17 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
-    """Return the points (m, 2) that no other point beats in both, by rising cost; of
-    ties one.
+    """Return the points that no other point beats in both cost and error.
+
+    Args:
+        cost, error: the points; those that are not finite are left out.
+
+    Returns:
+        An array (m, 2) of the costs and errors, by rising cost.  Of equal points it has
+        one.
     """
     pairs = np.column_stack([np.ravel(cost), np.ravel(error)]).astype(np.float64)
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    before = np.concatenate([[np.inf], np.minimum.accumulate(pairs[:, 1])[:-1]])
-    return pairs[pairs[:, 1] < before]
+    least_before = np.concatenate([[np.inf], np.minimum.accumulate(pairs[:, 1])[:-1]])
+    return pairs[pairs[:, 1] < least_before]
