@@ -1,11 +1,11 @@
-"""fem_check: a finite-element half-block that answers epcontact's scenes independently.
+"""fem_check: a finite-element half-block that solves epcontact's scenes independently.
 
 It imports only scene, results, errors, machine and files from epcontact: no kernel,
 spectrum, area correction or formula for a modulus.
 
-`solve` solves a scene, and `solve_path` returns the finite-element states, whose mesh
-`mesh_of` hands to other codes.  With the block's `surface_compliance` the boundary
-elements can solve exactly the same body.
+`solve` solves a scene, `solve_path` returns the finite-element states, and `mesh_of`
+their mesh for other codes.  With the block's `surface_compliance` boundary elements can
+solve exactly the same body.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ __all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name at its first use: `import fem_check` stays cheap."""
+    """Import a public name at its first use, so that `import fem_check` is cheap."""
     if name not in __all__:
         raise AttributeError(f"module 'fem_check' has no attribute {name!r}")
-    from fem_check import driver  # defines the compiled loops, which takes a second
+    from fem_check import driver  # defines the compiled functions, which takes a second
 
     return getattr(driver, name)

@@ -1,16 +1,20 @@
-"""Unilateral contact of the top with a rigid frictionless flat, exact at every node.
+"""Unilateral contact of the top with a rigid frictionless flat.
 
 With F the downward nodal forces, v the downward displacement of the top, h the heights
-and the flat at the height -d, the gap is g = v - h - d, and a solution satisfies, node
-by node,
+and the flat at the height -d, the gap is g = v - h - d.  At each node a solution is
 
-    F = 0 and g >= 0,    or    0 <= F <= F_cap and g = 0,    or    F = F_cap and g <= 0,
+    apart     F = 0               and  g >= 0, or
+    elastic   0 <= F <= F_cap     and  g = 0, or
+    plastic   F = F_cap           and  g <= 0,
 
-with sum F = P in load control, or d given.  `solve_contact_forces` meets the equalities
-on a given contact set by conjugate gradients on the surface, where the elastic
-compliance is a pair of transforms; `rigid_contact` finds the sets by a semi-smooth
-Newton method.
+with sum F = P in load control, or a given d.  `solve_contact_forces` solves the
+equalities for a given contact set by conjugate gradients on the surface, where the
+elastic compliance is a pair of Fourier transforms.  `rigid_contact` finds the sets by a
+semi-smooth Newton method.
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -22,36 +26,43 @@ from numpy.typing import NDArray
 from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from fem_check.lanes import compiled
-from fem_check.linear_solver import inverse, transform
+from fem_check.linear_solver import inverse_transform, transform
 from fem_check.workers import axpy, dot, norm, xpay
 
+#: Contact states of the nodes: APART, ELASTIC or PLASTIC.
 States = NDArray[np.int8]
 
-#: A gap times this share of the stiffness of the shortest wave predicts a force.  With
-#: larger shares nodes jump between apart and capped, and the sets can cycle.
+#: A gap times this fraction of the stiffness of the shortest wave predicts a force.
+#: With larger fractions nodes jump between apart and capped, and the sets can cycle.
 PREDICTION = 0.3
-#: Full Newton steps of a rigid contact, most of which settle in five.
+#: Full Newton steps of a rigid contact; most contacts need five.
 FULL_STEPS = 12
+#: Newton steps of a rigid contact after which it is given up.
+MAX_STEPS = 200
 
 
 @compiled
-def _project(values, contact, free):  # type: ignore[no-untyped-def]
-    """The values on the contact, less their mean there if `free`, and zeros
-    elsewhere.
+def _project(values, contact, zero_mean):
+    """Return the values on the contact nodes, and zeros elsewhere.
+
+    With `zero_mean` the mean over the contact nodes is subtracted.
     """
     nx, ny = values.shape
-    total, count = 0.0, 0
+    mean = 0.0
+    if zero_mean:
+        count = 0
+        for i in range(nx):
+            for j in range(ny):
+                if contact[i, j]:
+                    mean += values[i, j]
+                    count += 1
+        mean /= count
+    projected = np.zeros((nx, ny))
     for i in range(nx):
         for j in range(ny):
             if contact[i, j]:
-                total += values[i, j]
-                count += 1
-    mean, out = total / count if free else 0.0, np.zeros((nx, ny))
-    for i in range(nx):
-        for j in range(ny):
-            if contact[i, j]:
-                out[i, j] = values[i, j] - mean
-    return out
+                projected[i, j] = values[i, j] - mean
+    return projected
 
 
 def solve_contact_forces(
@@ -62,79 +73,114 @@ def solve_contact_forces(
     start: FloatArray | None = None,
     tolerance: float = 1e-11,
 ) -> tuple[FloatArray, float]:
-    """(forces in N, d in m) on the `contact` nodes that displace them by `wanted` + d.
-    Conjugate gradients preconditioned by 1/compliance (m/N, a value a wave) reduce the
-    residual by `tolerance`.  The forces sum up to the `load`, which makes d an unknown,
-    and gives all residuals and directions zero mean over the contact nodes; if it is
-    None, d = 0.
+    """Solve for the forces that give the contact nodes a prescribed displacement.
+
+    Conjugate gradients are preconditioned by 1/compliance.  A prescribed load makes the
+    approach an unknown; residuals and directions then have zero mean over the contact
+    nodes.
+
+    Args:
+        compliance: (nx // 2 + 1, ny) displacement per force of each wave, in m/N.
+        wanted: (nx, ny) downward displacement of the contact nodes, in m, to which the
+            approach is added.
+        contact: (nx, ny) True for the contact nodes.
+        load: sum of the forces, in N; None: the approach is 0.
+        start: (nx, ny) first guess of the forces, in N.
+        tolerance: factor by which the residual is reduced.
+
+    Returns:
+        forces: (nx, ny) in N, zero outside of the contact.
+        approach: in m.
     """
-    count, nx, free = int(contact.sum()), contact.shape[0], load is not None
+    count = int(contact.sum())
+    nx = contact.shape[0]
     if count == 0:
         return np.zeros(contact.shape), 0.0
 
     def project(values: FloatArray) -> FloatArray:
-        return np.asarray(_project(values, contact, free))
+        return np.asarray(_project(values, contact, load is not None))
 
     def displacement(forces: FloatArray) -> FloatArray:
-        return inverse(compliance * transform(forces), nx)
+        return inverse_transform(compliance * transform(forces), nx)
 
-    forces = np.where(contact, 0.0 if start is None else start, 0.0)
+    forces = np.zeros(contact.shape)
+    if start is not None:
+        forces = np.where(contact, start, 0.0)
     if load is not None:
         forces = np.where(contact, forces + (load - forces.sum()) / count, 0.0)
-    answered = displacement(forces)
-    residual = project(raw := wanted - answered)
-    # If `wanted` is uniform, load control, which leaves the mean free, leaves only
-    # rounding.
-    rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(answered))
-    enough = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
-    direction, rho_before = np.zeros_like(residual), np.inf
+    initial = displacement(forces)
+    full_residual = wanted - initial
+    residual = project(full_residual)
+    # A uniform `wanted` leaves only rounding errors as the residual in load control.
+    rounding = 8 * np.finfo(float).eps * (norm(wanted) + norm(initial))
+    goal = max(tolerance * (norm(project(wanted)) + norm(residual)), rounding)
+    direction = np.zeros_like(residual)
+    rho_before = np.inf
     for _ in range(499):
-        if norm(residual) <= enough:
+        if norm(residual) <= goal:
             break
-        z = project(inverse(transform(residual) / compliance, nx))
+        z = project(inverse_transform(transform(residual) / compliance, nx))
         rho = dot(residual, z)
         xpay(direction, rho / rho_before, z)
-        pushed = displacement(direction)
-        step = rho / dot(direction, pushed)
+        product = displacement(direction)
+        step = rho / dot(direction, product)
         axpy(forces, step, direction)
-        axpy(raw, -step, pushed)
-        residual, rho_before = project(raw), rho
-    return forces, -float(raw[contact].mean()) if free else 0.0
+        axpy(full_residual, -step, product)
+        residual = project(full_residual)
+        rho_before = rho
+    if load is None:
+        return forces, 0.0
+    return forces, -float(full_residual[contact].mean())
 
 
-def carrying(forces: FloatArray, cap: float, load: float | None) -> FloatArray:
-    """The forces, all shifted alike until those between 0 and the cap carry the load
-    exactly.
+def shift_to_load(forces: FloatArray, cap: float, load: float | None) -> FloatArray:
+    """Return the forces plus the constant at which they carry a load.
+
+    Args:
+        forces: (nx, ny) in N; a node carries its force clipped to 0 and the cap.
+        cap: largest nodal force in N; may be infinite.
+        load: in N; None: the forces are returned as they are.
     """
     if load is None:
         return forces
-    # What is carried is piecewise linear in the shift: a node begins to carry at the
-    # shift -force and carries no more than the cap from the shift cap - force on.
-    begins = -forces.ravel()
-    knots = np.concatenate([begins, begins + cap]) if np.isfinite(cap) else begins
+    # The carried load is piecewise linear in the shift.  A node begins to carry at the
+    # shift -force, and reaches the cap at the shift cap - force.
+    starts = -forces.ravel()
+    knots = starts
+    if np.isfinite(cap):
+        knots = np.concatenate([starts, starts + cap])
     order = np.argsort(knots, kind="stable")
-    slopes, knots = np.cumsum(np.where(order < begins.size, 1, -1)), knots[order]
+    knots = knots[order]
+    slopes = np.cumsum(np.where(order < starts.size, 1, -1))
     carried = np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(knots))])
     beyond = max(0.0, load - float(carried[-1])) / max(int(slopes[-1]), 1)
     return np.asarray(forces + (np.interp(load, carried, knots) + beyond))
 
 
-def predicted_states(
+def predict_states(
     forces: FloatArray,
     gap: FloatArray,
     cap: float,
     stiffness: float,
     load: float | None = None,
 ) -> States:
-    """The states by `PREDICTION` that forces and gaps ask for, of which some carry a
-    `load`.
+    """Predict the contact states of the next iteration.
+
+    Args:
+        forces: (nx, ny) present forces, in N.
+        gap: (nx, ny) present gaps, in m.
+        cap: largest nodal force, in N.
+        stiffness: force per displacement of the shortest wave, in N/m; `PREDICTION` of
+            it converts gaps to forces.
+        load: that the predicted forces carry, in N; None: any load.
     """
-    predicted = carrying(forces - PREDICTION * stiffness * gap, cap, load)
+    predicted = shift_to_load(forces - PREDICTION * stiffness * gap, cap, load)
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
     states[predicted <= 0] = APART
     states[predicted >= cap] = PLASTIC
     if load is not None and not (states == ELASTIC).any():
-        # Whole nodes at the cap carry it; the approach is that of the last of them.
+        # Nodes at the cap carry exactly the load.  One elastic node must remain, whose
+        # gap determines the approach: the one that came into contact last.
         touching = np.where(predicted > 0, predicted, np.inf)
         states.ravel()[int(np.argmin(touching))] = ELASTIC
     return states
@@ -142,7 +188,13 @@ def predicted_states(
 
 @dataclass(frozen=True)
 class SurfaceContact:
-    """A solved surface problem: nodal forces in N, contact states, approach in m."""
+    """A solved contact of an elastic body.
+
+    Attributes:
+        forces: (nx, ny) nodal forces, in N.
+        states: (nx, ny) contact states.
+        approach: d, in m.
+    """
 
     forces: FloatArray
     states: States
@@ -156,58 +208,77 @@ def rigid_contact(
     approach: float = 0.0,
     cap: float = np.inf,
 ) -> SurfaceContact:
-    """Solve the contact of a rigid flat with an elastic body, given the compliance of
-    its top.  The total force is `load` or, if that is None, the `approach` d is given.
-    Raises NotConverged.
-    """
-    nx, stiffness = heights.shape[0], 1.0 / float(compliance.min())
-    rise = heights if load is not None else heights + approach
-    states = np.full(heights.shape, -1, dtype=np.int8)
+    """Solve the contact of a rigid flat with an elastic body.
 
-    def displaced(forces: FloatArray) -> FloatArray:
-        return inverse(compliance * transform(forces), nx)
+    Args:
+        compliance: (nx // 2 + 1, ny) displacement of the top per force of each wave,
+            in m/N.
+        heights: (nx, ny) in m.
+        load: sum of the forces, in N; None: the approach is prescribed.
+        approach: d in m, if no load is prescribed.
+        cap: largest nodal force, in N.
+
+    Raises:
+        NotConverged: the contact sets still change after `MAX_STEPS` Newton steps.
+    """
+    nx = heights.shape[0]
+    stiffness = 1.0 / float(compliance.min())
+    rise = heights
+    if load is None:
+        rise = heights + approach
+
+    def displacement(forces: FloatArray) -> FloatArray:
+        return inverse_transform(compliance * transform(forces), nx)
 
     def allowed(forces: FloatArray) -> FloatArray:
-        return np.clip(carrying(forces, cap, load), 0, cap)
+        """Forces within the bounds that carry the load."""
+        return np.clip(shift_to_load(forces, cap, load), 0, cap)
 
-    forces, changes, whole, d = (
-        allowed(PREDICTION * stiffness * rise),
-        list[float](),
-        False,
-        0.0,
-    )
-    for sweep in range(200):
-        gap = displaced(forces) - rise
-        new = predicted_states(forces, gap, cap, stiffness, load)
-        changes.append(float((new != states).mean()))
-        if whole and changes[-1] == 0:
-            return SurfaceContact(forces, states, d if load is not None else approach)
-        states = new
-        contact, fixed = states == ELASTIC, np.where(states == PLASTIC, cap, 0.0)
-        wanted, left = (
-            rise - displaced(fixed),
-            None if load is None else load - float(fixed.sum()),
+    forces = allowed(PREDICTION * stiffness * rise)
+    states = np.full(heights.shape, -1, dtype=np.int8)
+    changes = []
+    exact = False
+    for sweep in range(MAX_STEPS):
+        gap = displacement(forces) - rise
+        new_states = predict_states(forces, gap, cap, stiffness, load)
+        changes.append(float((new_states != states).mean()))
+        states = new_states
+        if exact and changes[-1] == 0:
+            return SurfaceContact(forces, states, approach)
+        capped = np.where(states == PLASTIC, cap, 0.0)
+        elastic_load = None
+        if load is not None:
+            elastic_load = load - float(capped.sum())
+        tolerance = 1e-12
+        if sweep < 3:
+            tolerance = 1e-3
+        solved, shift = solve_contact_forces(
+            compliance,
+            rise - displacement(capped),
+            states == ELASTIC,
+            elastic_load,
+            forces,
+            tolerance,
         )
-        accurate = 1e-3 if sweep < 3 else 1e-12
-        solved, d = solve_contact_forces(
-            compliance, wanted, contact, left, forces, accurate
-        )
-        solved += fixed
-        whole = sweep >= 3
+        if load is not None:
+            approach = shift
+        solved += capped
+        exact = sweep >= 3
         if sweep < FULL_STEPS:
             forces = solved
             continue
         # Full steps can cycle.  Steps that lower the energy inside the bounds cannot:
-        # towards the solution on these sets or, where the energy rises that way, along
-        # its gradient.
+        # towards the solution on these sets or, if the energy rises that way, along its
+        # gradient.
         forces = allowed(forces)
-        gap = displaced(forces) - rise
-        downhill = allowed(forces - PREDICTION * stiffness * gap)
+        gap = displacement(forces) - rise
         step = allowed(solved) - forces
         if dot(gap, step) >= 0:
-            step = downhill - forces
-        share = min(1.0, -dot(gap, step) / max(dot(step, displaced(step)), 1e-300))
-        forces = forces + share * step
-        whole = bool(np.abs(forces - solved).max() <= 1e-12 * np.abs(solved).max())
-        forces = solved if whole else forces
+            step = allowed(forces - PREDICTION * stiffness * gap) - forces
+        curvature = dot(step, displacement(step))
+        fraction = min(1.0, -dot(gap, step) / max(curvature, 1e-300))
+        forces = forces + fraction * step
+        exact = bool(np.abs(forces - solved).max() <= 1e-12 * np.abs(solved).max())
+        if exact:
+            forces = solved
     raise NotConverged("the elastic contact did not settle", history=changes)

@@ -1,14 +1,14 @@
-"""The trilinear brick with mean dilatation (B-bar), from scikit-fem's own basis and
-quadrature.
+"""The trilinear brick with mean dilatation (B-bar).
 
-The strain at a Gauss point is the deviatoric part of the local strain plus the
-element's mean dilatation (Nagtegaal, Parks and Rice 1974; Hughes 1980):
+The basis functions and the quadrature are those of scikit-fem.  The strain at a Gauss
+point is the deviatoric part of the local strain plus the element's mean dilatation
+(Nagtegaal, Parks and Rice 1974; Hughes 1980):
 
     e = dev sym(sum_a u_a (x) grad N_a) + I/3 * sum_a u_a . <grad N_a>,
     <g> = (1/V) int_e g dV,
 
-so that plastic flow, which keeps volume, does not lock the element.  Elements of one
-shape share the gradients of their eight basis functions at the eight Gauss points.
+so that plastic flow, which keeps the volume, does not lock the element.  Elements of
+one shape share the gradients of their eight basis functions at the eight Gauss points.
 """
 
 from __future__ import annotations
@@ -21,29 +21,22 @@ from skfem import Basis, ElementHex1, MeshHex
 
 from epcontact.results import FloatArray
 
-#: Corners of the unit brick in scikit-fem's local order; a column is x, y or z.
-CORNERS = np.array(
-    [
-        [0, 0, 0],
-        [0, 0, 1],
-        [0, 1, 0],
-        [1, 0, 0],
-        [0, 1, 1],
-        [1, 0, 1],
-        [1, 1, 0],
-        [1, 1, 1],
-    ]
-)
+#: (8, 3) corners of the unit brick in scikit-fem's local order, mirrored at the centre:
+#: the first corner is (0, 0, 0).
+CORNERS: NDArray[np.int64] = (1 - ElementHex1.doflocs).astype(np.int64)
 
 
 class Elements(NamedTuple):
-    """Bricks of any shape.
+    """Bricks of any number of shapes.
 
-    connectivity: (m, 8) node numbers in the order of CORNERS.  shape_of: (m,) index of the shape.
-    gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
-    mean_gradients: (shapes, 3, 8) their volume averages.  weights: (shapes, 8) in m^3.
-    sides: (shapes, 3) edges along x, y and z in m, if the elements are those of a flat
-        block, layer by layer, each of one shape; None otherwise.
+    Attributes:
+        connectivity: (m, 8) node numbers of each element, in the order of CORNERS.
+        shape_of: (m,) index of each element's shape.
+        gradients: (shapes, 3, 8, 8) dN_a/dx_j as [shape, j, a, Gauss point], in 1/m.
+        mean_gradients: (shapes, 3, 8) volume averages of the gradients, in 1/m.
+        weights: (shapes, 8) volumes of the Gauss points, in m^3.
+        sides: (shapes, 3) edge lengths along x, y and z in m, if the elements are those
+            of a flat block, layer by layer, with one shape per layer; None otherwise.
     """
 
     connectivity: NDArray[np.int32]
@@ -59,33 +52,54 @@ class Elements(NamedTuple):
         return len(self.connectivity)
 
 
-def layers_apart(
-    bricks: Elements, which: NDArray[np.int64] | None
+def disjoint_layers(
+    bricks: Elements, selected: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], ...]:
-    """Parts of all elements, or of `which`, to be worked on one after the other.  A
-    part has (r, 2) ranges of indices, one a layer; its layers have no node in common.
+    """Return the layers of the elements in groups without a common node.
+
+    Threads may add nodal forces of different layers of a group at the same time.
+
+    Args:
+        bricks: the elements.
+        selected: (k,) ascending numbers of the elements that are meant; None: all.
+
+    Returns:
+        Groups of (r, 2) ranges of indices into `selected` (or element numbers), one
+        range per layer.  Elements without layers are a single range.
     """
-    shapes = bricks.shape_of if which is None else bricks.shape_of[which]
+    shapes = bricks.shape_of
+    if selected is not None:
+        shapes = shapes[selected]
     if bricks.sides is None:
         return (np.array([[0, len(shapes)]]),)
-    cuts = np.searchsorted(shapes, np.arange(len(bricks.sides) + 1, dtype=shapes.dtype))
+    layers = np.arange(len(bricks.sides) + 1, dtype=shapes.dtype)
+    cuts = np.searchsorted(shapes, layers)
     ranges = np.stack([cuts[:-1], cuts[1:]], axis=1)
     return ranges[::2].copy(), ranges[1::2].copy()
 
 
-def elements(
+def elements_of(
     connectivity: NDArray[np.integer],
     shape_of: NDArray[np.integer],
     corners: FloatArray,
 ) -> Elements:
-    """Elements with corners (shapes, 8, 3) in m.  Raises ValueError if one is turned
-    inside out.
+    """Return the elements with given nodes and shapes.
+
+    Args:
+        connectivity: (m, 8) node numbers, in the order of CORNERS.
+        shape_of: (m,) index of each element's shape in `corners`.
+        corners: (shapes, 8, 3) positions of the corners of each shape, in m.
+
+    Raises:
+        ValueError: a shape is turned inside out.
     """
-    # The bricks share no node here, so that scikit-fem need not find their neighbours.
-    apart = np.arange(8 * len(corners)).reshape(-1, 8).T.copy()
-    mesh = MeshHex(corners.reshape(-1, 3).T.copy(), apart, validate=False, sort_t=False)
+    # No two shapes share a node here: scikit-fem need not look for neighbours.
+    nodes = np.arange(8 * len(corners)).reshape(-1, 8).T.copy()
+    points = corners.reshape(-1, 3).T.copy()
+    mesh = MeshHex(points, nodes, validate=False, sort_t=False)
     basis = Basis(mesh, ElementHex1(), intorder=2)
-    if abs(np.sign(mesh.mapping().detDF(basis.X)).sum()) < basis.dx.size:
+    jacobian_signs = np.sign(mesh.mapping().detDF(basis.X))
+    if abs(jacobian_signs.sum()) < basis.dx.size:
         raise ValueError(
             "an element is turned inside out: the top is too rough for its layers"
         )
@@ -93,27 +107,32 @@ def elements(
     for a, (function,) in enumerate(basis.basis):
         gradients[:, :, a] = np.moveaxis(np.asarray(function.grad), 0, 1)
     weights = np.ascontiguousarray(basis.dx)
-    mean = (
-        np.einsum("sjag,sg->sja", gradients, weights)
-        / weights.sum(axis=1)[:, None, None]
-    )
+    volumes = weights.sum(axis=1)[:, None, None]
     return Elements(
         np.ascontiguousarray(connectivity, dtype=np.int32),
         np.ascontiguousarray(shape_of, dtype=np.int32),
         gradients,
-        mean,
+        np.einsum("sjag,sg->sja", gradients, weights) / volumes,
         weights,
     )
 
 
 def strain_operator(
-    shape: Elements, index: int, *, mean_dilatation: bool = True
+    bricks: Elements, shape: int, *, mean_dilatation: bool = True
 ) -> FloatArray:
-    """The strain operator B (8 Gauss points, 6, 24) of one shape; the plain element's
-    locks.  Its rows are xx, yy, zz, xy, yz, zx with engineering shears, its columns go
-    node by node.
+    """Return the (8 Gauss points, 6, 24) strain operator B of one shape, in 1/m.
+
+    Args:
+        bricks: the elements.
+        shape: index of the shape.
+        mean_dilatation: whether the element has mean dilatation; the plain element
+            without it locks.
+
+    Returns:
+        The rows are xx, yy, zz, xy, yz, zx with engineering shears; the columns are
+        3 corner + component.
     """
-    g = np.moveaxis(shape.gradients[index], 2, 0)  # [gauss, j, a]
+    g = np.moveaxis(bricks.gradients[shape], 2, 0)  # [Gauss point, j, a]
     B = np.zeros((8, 6, 8, 3))
     for j in range(3):
         B[:, j, :, j] = g[:, j]
@@ -121,37 +140,42 @@ def strain_operator(
         B[:, row, :, i] = g[:, j]
         B[:, row, :, j] = g[:, i]
     if mean_dilatation:
-        excess = (shape.mean_gradients[index][None] - g) / 3  # [gauss, j, a]
+        excess = (bricks.mean_gradients[shape][None] - g) / 3
         B[:, :3] += np.moveaxis(excess, 1, 2)[:, None]
     return B.reshape(8, 6, 24)
 
 
 def elastic_stiffness(
-    shape: Elements,
-    index: int,
-    shear: float,
-    bulk: float,
+    bricks: Elements,
+    shape: int,
+    shear_modulus: float,
+    bulk_modulus: float,
     *,
     mean_dilatation: bool = True,
 ) -> FloatArray:
-    """The (24, 24) stiffness of one shape for the moduli mu = `shear` and K =
-    `bulk`.
+    """Return the (24, 24) elastic stiffness of one shape, in N/m.
+
+    Args:
+        bricks: the elements.
+        shape: index of the shape.
+        shear_modulus: in Pa.
+        bulk_modulus: in Pa.
+        mean_dilatation: as in `strain_operator`.
     """
-    D = np.diag([2 * shear] * 3 + [shear] * 3)
-    D[:3, :3] += bulk - 2 * shear / 3
-    B = strain_operator(shape, index, mean_dilatation=mean_dilatation)
-    result: FloatArray = np.einsum(
-        "gia,ij,gjb,g->ab", B, D, B, shape.weights[index], optimize=True
+    D = np.diag([2 * shear_modulus] * 3 + [shear_modulus] * 3)
+    D[:3, :3] += bulk_modulus - 2 * shear_modulus / 3
+    B = strain_operator(bricks, shape, mean_dilatation=mean_dilatation)
+    stiffness: FloatArray = np.einsum(
+        "gia,ij,gjb,g->ab", B, D, B, bricks.weights[shape], optimize=True
     )
-    return result
+    return stiffness
 
 
-def deviatoric_stiffness(shape: Elements, index: int) -> FloatArray:
-    """(8, 24, 24) the integral of dev e : dev e at each Gauss point of one shape."""
-    B = strain_operator(shape, index, mean_dilatation=False)
+def deviatoric_stiffness(bricks: Elements, shape: int) -> FloatArray:
+    """Return (8, 24, 24) the integral of dev e : dev e at each Gauss point, in m."""
+    B = strain_operator(bricks, shape, mean_dilatation=False)
     B[:, :3] -= B[:, :3].mean(axis=1, keepdims=True)
-    norm = np.array(
-        [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]
-    )  # of a strain with engineering shears
-    weighted = B * norm[:, None] * shape.weights[index][:, None, None]
-    return np.asarray(np.swapaxes(B, 1, 2) @ weighted)
+    # Engineering shears g count as 2 (g/2)^2 in the double contraction.
+    metric = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+    weights = bricks.weights[shape][:, None, None]
+    return np.asarray(np.swapaxes(B, 1, 2) @ (B * metric[:, None] * weights))

@@ -1,15 +1,15 @@
-"""The increments of a load path, which a body that flows needs as it remembers its
-strains.
+"""The increments of a load path.
 
-Radial return takes an increment's strain for straight, an error of first order in the
-increment: too few of them let the contact spread too far.  The state forgets the errors
-of early increments as the contact grows, so that the last ones should be the shortest:
-the loads on the way to P are
+A body that flows remembers its strains, and radial return assumes that the strain grows
+straight during an increment.  This error is of first order in the increment: with too
+few increments the contact spreads too far.  As the contact grows the state forgets the
+errors of early increments, so that the last increments should be the shortest.  The
+loads on the way to P are
 
-    P sqrt(k/n),  k = 1 ... n
+    P sqrt(k/n),  k = 1 ... n,
 
-and those that are above the largest load so far.  Below that one a single increment
-suffices. tests/test_fem_solve.py measures both.  Increments that do not converge are
+those of them that exceed the largest load so far.  Below that load one increment
+suffices.  tests/test_fem_solve.py measures both.  Increments that do not converge are
 halved.
 """
 
@@ -30,34 +30,44 @@ from fem_check.newton import SolvedIncrement, solve_increment
 from fem_check.plasticity import History
 from fem_check.problem import Control, Counts, Problem, State
 
-#: An increment that does not converge is halved at most this often.
-MOST_HALVINGS = 6
+#: Times that an increment is halved at most.
+MAX_HALVINGS = 6
+#: Longest step of the secant predictor, relative to the last increment.
+MAX_SECANT = 2.01
 
 
 @dataclass(frozen=True)
-class Rule:
-    """How a path is followed, with options of `FemOptions`.
+class Stepping:
+    """How a load path is divided into increments.
 
-    highest: the height in m from which targets are approaches in m; None: they are
-        forces in N.
+    Attributes:
+        first_touch: largest height in m, from which targets are approaches in m; None:
+            targets are forces in N.
+        steps: number of increments n to a target beyond all earlier ones.
+        tolerance: on the residuals of an increment.
     """
 
-    highest: float | None
+    first_touch: float | None
     steps: int
     tolerance: float
 
 
 @dataclass(frozen=True)
-class Along:
-    """A place on the path.
+class PathProgress:
+    """The position on a load path, and what the solver knows there.
 
-    at: the force in N, or the approach in m.  farthest: the largest of these so far.  states: the
-    last two.  solved: the last increment.  counts: iterations since the last point.  peak: the
-    largest force so far, in N.
+    Attributes:
+        history: of the elements.
+        position: force in N, or approach in m.
+        farthest: largest position so far.
+        states: the last one or two converged states.
+        solved: the last increment; None: at the begin of the path.
+        counts: iterations since the last target.
+        peak: largest force so far, in N.
     """
 
     history: History
-    at: float = 0.0
+    position: float = 0.0
     farthest: float = 0.0
     states: tuple[State, ...] = ()
     solved: SolvedIncrement | None = None
@@ -65,157 +75,188 @@ class Along:
     peak: float = 0.0
 
 
-def advance(problem: Problem, along: Along, target: float, rule: Rule) -> Along:
-    """Advance to the `target`, for which the counts are.  Raises NotConverged after
-    halvings.
+def advance(
+    problem: Problem, progress: PathProgress, target: float, stepping: Stepping
+) -> PathProgress:
+    """Solve the increments to a target.
+
+    Args:
+        problem: the problem.
+        progress: present position on the path.
+        target: force in N, or approach in m.
+        stepping: how the path is divided.
+
+    Returns:
+        The position at the target, with the iterations that it took.
+
+    Raises:
+        NotConverged: an increment failed after `MAX_HALVINGS` halvings.
     """
-    along = replace(along, counts=Counts())
-    for end in _ends(target, along.farthest, rule.steps if problem.plastic else 1):
-        step = end
-        while along.at != end:
+    progress = replace(progress, counts=Counts())
+    steps = 1
+    if problem.plastic:
+        steps = stepping.steps
+    for end in _increment_ends(target, progress.farthest, steps):
+        trial_end = end
+        while progress.position != end:
             try:
-                solved = _solved(problem, along, step, rule)
-                along, step = _kept(problem, along, solved, step), end
-            except NotConverged as failure:
-                along, step = _once_more_halved(along, failure), (along.at + step) / 2
-    return along
+                solved = _solve_to(problem, progress, trial_end, stepping)
+                progress = _commit(problem, progress, solved, trial_end)
+                trial_end = end
+            except NotConverged:
+                counts = progress.counts + Counts(halvings=1)
+                if counts.halvings > MAX_HALVINGS:
+                    raise
+                progress = replace(progress, counts=counts)
+                trial_end = (progress.position + trial_end) / 2
+    return progress
 
 
-def _ends(target: float, farthest: float, count: int) -> list[float]:
-    """Where the increments to a target end, the last one at the target itself."""
+def _increment_ends(target: float, farthest: float, count: int) -> list[float]:
+    """Return the ends of the increments to a target, the last one at the target."""
     ends = [target * math.sqrt(k / count) for k in range(1, count)]
     return [end for end in ends if end > farthest] + [target]
 
 
-def _once_more_halved(along: Along, failure: NotConverged) -> Along:
-    """The place with one more halving in its counts; raises the failure if there were
-    too many.
-    """
-    counts = along.counts + Counts(halvings=1)
-    if counts.halvings > MOST_HALVINGS:
-        raise failure
-    return replace(along, counts=counts)
-
-
-def _kept(problem: Problem, along: Along, solved: SolvedIncrement, at: float) -> Along:
-    """The place after a solved increment, which is committed to the history."""
-    history = along.history
+def _commit(
+    problem: Problem, progress: PathProgress, solved: SolvedIncrement, position: float
+) -> PathProgress:
+    """Return the progress after a solved increment, with its plastic strains."""
+    history = progress.history
     if problem.plastic:
-        u = problem.turned(solved.state.displacement).reshape(-1, 3)
+        u = problem.physical_displacement(solved.state.displacement).reshape(-1, 3)
         history = plasticity.commit(
             u, problem.bricks, problem.law, history, solved.flowing
         )
     return replace(
-        along,
+        progress,
         history=history,
-        at=at,
-        farthest=max(along.farthest, at),
-        states=(*along.states[-1:], solved.state),
+        position=position,
+        farthest=max(progress.farthest, position),
+        states=(*progress.states[-1:], solved.state),
         solved=solved,
-        counts=along.counts + solved.counts,
-        peak=max(along.peak, float(solved.state.forces.sum())),
+        counts=progress.counts + solved.counts,
+        peak=max(progress.peak, float(solved.state.forces.sum())),
     )
 
 
-def _solved(problem: Problem, along: Along, end: float, rule: Rule) -> SolvedIncrement:
-    """Solve the increment to `end` from a guess."""
-    if rule.highest is not None:
-        control = Control(approach=end - rule.highest, scale=along.peak)
+def _solve_to(
+    problem: Problem, progress: PathProgress, end: float, stepping: Stepping
+) -> SolvedIncrement:
+    """Solve the increment to `end` from a first guess."""
+    if stepping.first_touch is not None:
+        control = Control(approach=end - stepping.first_touch, scale=progress.peak)
     elif end == 0:
-        return _touching(problem, along, rule.tolerance)
+        return _unload_fully(problem, progress, stepping.tolerance)
     else:
-        control = Control(load=end, scale=max(end, along.peak))
-    # No name is given to the guess, so that it does not stay in memory.
+        control = Control(load=end, scale=max(end, progress.peak))
+    # The guess has no name, so that it does not stay in memory.
     return solve_increment(
         problem,
-        _guess(problem, along.states, control),
-        along.history,
+        _first_guess(problem, progress.states, control),
+        progress.history,
         control,
-        rule.tolerance,
+        stepping.tolerance,
     )
 
 
-def _touching(problem: Problem, along: Along, tolerance: float) -> SolvedIncrement:
-    """The body without a load, whose highest point just touches the flat."""
-    last = along.states[-1]
-    reach = float(np.ptp(problem.heights)) + 4 * float(
-        np.abs(last.displacement[0]).max()
-    )
-    away = Control(approach=last.approach - 2 * reach, scale=along.peak)
+def _unload_fully(
+    problem: Problem, progress: PathProgress, tolerance: float
+) -> SolvedIncrement:
+    """Solve for the body without a load, whose highest point just touches the flat."""
+    last = progress.states[-1]
+    motion = float(np.abs(last.displacement[0]).max())
+    reach = float(np.ptp(problem.heights)) + 4 * motion
+    control = Control(approach=last.approach - 2 * reach, scale=progress.peak)
     apart = np.full_like(last.states, APART)
-    start = State(last.displacement, away.approach, apart, 0 * last.forces)
-    solved = solve_increment(problem, start, along.history, away, tolerance)
-    free = float(problem.gap(solved.state.displacement, 0.0).min())
-    return replace(solved, state=replace(solved.state, approach=free))
+    start = State(last.displacement, control.approach, apart, 0 * last.forces)
+    solved = solve_increment(problem, start, progress.history, control, tolerance)
+    touch = float(problem.gap(solved.state.displacement, 0.0).min())
+    return replace(solved, state=replace(solved.state, approach=touch))
 
 
 def _elastic_state(problem: Problem, control: Control) -> State:
-    """The contact of the flat elastic block."""
-    factor, heights = problem.factor, problem.heights
+    """Return the contact of the flat elastic block."""
+    factor = problem.factor
     solved = rigid_contact(
-        factor.surface, heights, control.load, control.approach, problem.cap
+        factor.surface, problem.heights, control.load, control.approach, problem.cap
     )
     spectrum = eliminate(factor, np.zeros(problem.block.field_shape))
     u = substitute(factor, spectrum, solved.forces)
     return State(u, solved.approach, solved.states, solved.forces)
 
 
-def _guess(problem: Problem, states: tuple[State, ...], control: Control) -> State:
-    """The first guess of a state: that of the flat elastic block at the path's begin
-    and, as they have no memory, under capped forces; else on the secant through the
-    last two states or, as in unloading and after an increment much longer than the
-    last, the last one.
+def _first_guess(
+    problem: Problem, states: tuple[State, ...], control: Control
+) -> State:
+    """Return the first guess of an increment from the last states.
+
+    It is the contact of the flat elastic block at the begin of the path, and under
+    capped forces, which have no memory.  Otherwise it is on the secant through the last
+    two states.  In unloading, and for an increment much longer than the last one, it is
+    the last state.
     """
     if not states or problem.capped:
         return _elastic_state(problem, control)
-    state, load = states[-1], control.load
-    if load is None:
-        return state
-    forces = float(state.forces.sum())
-    # Before the first state there is no force and no contact.
-    none = replace(
-        state, states=np.full_like(state.states, APART), forces=0 * state.forces
-    )
-    earlier = states[-2] if len(states) > 1 else none
-    grown = forces - float(earlier.forces.sum())
-    ratio = (load - forces) / grown if grown > 0 else 0.0
-    if 0 < ratio <= 2.01:
-        return _on_secant(problem, state, earlier, -ratio)
-    if forces > 0:
-        return state
+    last = states[-1]
+    if control.load is None:
+        return last
+    if len(states) > 1:
+        earlier = states[-2]
+    else:
+        # Before the first state there was no force and no contact.
+        apart = np.full_like(last.states, APART)
+        earlier = replace(last, states=apart, forces=0 * last.forces)
+    force = float(last.forces.sum())
+    growth = force - float(earlier.forces.sum())
+    ratio = 0.0
+    if growth > 0:
+        ratio = (control.load - force) / growth
+    if 0 < ratio <= MAX_SECANT:
+        return _interpolate(problem, last, earlier, -ratio)
+    if force > 0:
+        return last
     # The unloaded body is loaded from a quarter of its nodes in contact.
-    apart, wanted = (
-        np.zeros(state.states.shape, dtype=bool),
-        max(1, state.states.size // 4),
+    contact = np.zeros(last.states.shape, dtype=bool)
+    count = max(1, last.states.size // 4)
+    return replace(
+        last,
+        states=_nearest_in_contact(
+            problem, last.displacement, last.approach, contact, count
+        ),
     )
-    seeded = _nearest(problem, state.displacement, state.approach, apart, wanted)
-    return replace(state, states=seeded)
 
 
-def _on_secant(problem: Problem, state: State, other: State, share: float) -> State:
-    """The state at a `share` of the way from one state to another, or beyond; the
-    contact area is interpolated, too, and filled with the nodes nearest to the flat.
+def _interpolate(
+    problem: Problem, state: State, other: State, fraction: float
+) -> State:
+    """Return the state at a fraction of the way to another; below 0 it extrapolates.
+
+    The number of contact nodes is interpolated, too; the nodes nearest to the flat are
+    added to those that stay in contact.
     """
-    u = state.displacement + share * (other.displacement - state.displacement)
-    d = state.approach + share * (other.approach - state.approach)
+    u = state.displacement + fraction * (other.displacement - state.displacement)
+    approach = state.approach + fraction * (other.approach - state.approach)
+    forces = state.forces + fraction * (other.forces - state.forces)
     contact = state.states == ELASTIC
-    count, other_count = int(contact.sum()), int((other.states == ELASTIC).sum())
-    contact &= state.forces + share * (other.forces - state.forces) > 0
-    wanted = max(round(count + share * (other_count - count)), int(contact.sum()))
-    return State(u, d, _nearest(problem, u, d, contact, wanted), state.forces)
+    size = int(contact.sum())
+    other_size = int((other.states == ELASTIC).sum())
+    contact &= forces > 0
+    count = max(round(size + fraction * (other_size - size)), int(contact.sum()))
+    states = _nearest_in_contact(problem, u, approach, contact, count)
+    return State(u, approach, states, state.forces)
 
 
-def _nearest(
+def _nearest_in_contact(
     problem: Problem,
     u: FloatArray,
     approach: float,
     contact: NDArray[np.bool_],
-    wanted: int,
+    count: int,
 ) -> States:
-    """The `contact` and the nodes nearest to the flat, so many as are `wanted` in
-    all.
-    """
-    order = np.where(contact, -np.inf, problem.gap(u, approach))
-    touching = np.full(contact.shape, APART, dtype=np.int8)
-    touching.ravel()[np.argsort(order, axis=None, kind="stable")[:wanted]] = ELASTIC
-    return touching
+    """Return states with `count` contact nodes: `contact` and the nearest."""
+    distance = np.where(contact, -np.inf, problem.gap(u, approach))
+    nearest = np.argsort(distance, axis=None, kind="stable")[:count]
+    states = np.full(contact.shape, APART, dtype=np.int8)
+    states.ravel()[nearest] = ELASTIC
+    return states

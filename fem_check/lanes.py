@@ -1,15 +1,20 @@
-"""Strains and nodal forces of LANES elements at once, which lets the compiler use
-vector units.
+"""Compiled strains and nodal forces of LANES elements at once, one per vector lane.
 
-Arrays of a group of elements are flat and have the element as their last index: entry
-[i, j] of element n of an (I, J, LANES) array is at (i J + j) LANES + n.  With constant
-distances between its rows the compiler sees that they do not overlap, as it does not in
-an array with several axes.
+The arrays of a group of elements are flat, and the element is their last index: entry
+[i, j] of element n of an (I, J, LANES) array is at (i J + j) LANES + n.  The distances
+between its rows are constants, so that the compiler sees that rows do not overlap and
+uses vector instructions.  It does not do so for an array with several axes.
 
-ue (3, 8, LANES) displacements at the corners; e (6, 8, LANES) tensor components xx, yy,
-zz, xy, yz, zx of strains, and later of stresses, at the Gauss points; fe (3, 8, LANES)
-nodal forces.
+The names of these arrays in all compiled functions are:
+
+    ue  (3, 8, LANES)  displacements of the corners, in m
+    e   (6, 8, LANES)  strains at the Gauss points, as xx, yy, zz, xy, yz, zx
+    s   (6, 8, LANES)  stresses in the same order, in Pa; they overwrite the strains
+    fe  (3, 8, LANES)  nodal forces, in N
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -18,270 +23,335 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-#: Elements that are worked on at once.
+#: Elements that are computed at once.
 LANES = 16
 
+#: Distance of a Gauss point from the centre of the brick with corners at -1 and 1.
 _GAUSS = sqrt(1.0 / 3.0)
-# Sums may be reordered and products fused; infinities and NaNs keep their meaning.  No
-# C code calls a kernel, so it needs no wrapper for that, which takes a tenth of a
-# compilation.
+
+#: Options of all compiled functions.  No C code calls them; without the wrapper for C
+#: they compile in a tenth less time.
 OPTIONS = {
     "cache": True,
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
 }
+# Sums may be reordered and products fused; infinities and NaNs keep their meaning.
 compiled = njit(fastmath={"contract", "reassoc", "nsz"}, **OPTIONS)
+# A part of the functions that call it, which is not compiled on its own.
+inlined = njit(inline="always")
 
 
 @compiled
-def inverse_of_symmetric(a, b, d, e, f, g):  # type: ignore[no-untyped-def]
-    """The components 00, 11, 22, 01, 12, 20 of the inverse of the matrix that has a to
-    g there.
-    """
-    x, y, z = b * d - f * f, f * g - e * d, e * f - b * g
-    det = a * x - e * (e * d - f * g) + g * z
-    others = (
-        (a * d - g * g) / det,
-        (a * b - e * e) / det,
-        y / det,
-        (e * g - a * f) / det,
-    )
-    return x / det, *others, z / det
-
-
-@compiled
-def workspace():  # type: ignore[no-untyped-def]
-    """Arrays ue, derivatives (scratch of `strains`), e and fe."""
+def invert_symmetric(xx, yy, zz, xy, yz, zx):
+    """Return the entries xx, yy, zz, xy, yz, zx of a symmetric matrix's inverse."""
+    cofactor_xx = yy * zz - yz * yz
+    cofactor_yy = xx * zz - zx * zx
+    cofactor_zz = xx * yy - xy * xy
+    cofactor_xy = yz * zx - xy * zz
+    cofactor_yz = xy * zx - xx * yz
+    cofactor_zx = xy * yz - yy * zx
+    determinant = xx * cofactor_xx - xy * (xy * zz - yz * zx) + zx * cofactor_zx
     return (
-        np.empty(24 * LANES),
-        np.empty(36 * LANES),
-        np.empty(48 * LANES),
-        np.empty(24 * LANES),
+        cofactor_xx / determinant,
+        cofactor_yy / determinant,
+        cofactor_zz / determinant,
+        cofactor_xy / determinant,
+        cofactor_yz / determinant,
+        cofactor_zx / determinant,
     )
 
 
 @compiled
-def gather(u, bricks, which, first, stop, ue, shapes):  # type: ignore[no-untyped-def]
-    """Copies displacements (nodes, 3) to ue, and the elements' shapes.  The elements
-    are those from `first` to `stop`, of `which` if given; the last one is repeated.
+def workspace():
+    """Return empty arrays ue, shapes, derivatives, e, dilatation and fe."""
+    ue = np.empty(24 * LANES)
+    shapes = np.empty(LANES, np.int32)
+    derivatives = np.empty(36 * LANES)
+    e = np.empty(48 * LANES)
+    dilatation = np.empty(LANES)
+    fe = np.empty(24 * LANES)
+    return ue, shapes, derivatives, e, dilatation, fe
+
+
+@compiled
+def gather(u, bricks, selected, first, stop, ue, shapes):
+    """Copy the displacements u (nodes, 3) of up to LANES elements to ue.
+
+    The elements are those from `first` to `stop`, or `selected[first:stop]` if the
+    array of element numbers `selected` is not None.  The last element fills the lanes
+    that remain.  `shapes` (LANES,) receives the elements' indices of shape.
     """
     for n in range(LANES):
-        e = min(first + n, stop - 1)
-        if which is not None:
-            e = which[e]
-        shapes[n] = bricks.shape_of[e]
+        element = min(first + n, stop - 1)
+        if selected is not None:
+            element = selected[element]
+        shapes[n] = bricks.shape_of[element]
         for a in range(8):
-            node = bricks.connectivity[e, a]
+            node = bricks.connectivity[element, a]
             for i in range(3):
                 ue[(8 * i + a) * LANES + n] = u[node, i]
 
 
 @compiled
-def scatter(fe, bricks, which, first, stop, f):  # type: ignore[no-untyped-def]
-    """Adds the nodal forces of the same elements to f (nodes, 3)."""
+def scatter(fe, bricks, selected, first, stop, f):
+    """Add the nodal forces fe of the elements of `gather` to f (nodes, 3)."""
     for n in range(min(LANES, stop - first)):
-        e = first + n
-        if which is not None:
-            e = which[e]
+        element = first + n
+        if selected is not None:
+            element = selected[element]
         for a in range(8):
-            node = bricks.connectivity[e, a]
+            node = bricks.connectivity[element, a]
             for i in range(3):
                 f[node, i] += fe[(8 * i + a) * LANES + n]
 
 
-# In a box a derivative along one axis does not depend on the place along it: it is
-# interpolated from the four edges along that axis to the four places of the Gauss
-# points across it.
+# In a box, a derivative along one axis does not vary along that axis.  It is the
+# difference of the ends of the four edges along the axis, interpolated to the four
+# positions that the Gauss points have across the axis.
 
 
 @compiled
-def _across(a, b, c, d):  # type: ignore[no-untyped-def]
-    """Four times the values at the 2 x 2 Gauss points of a square, from those at its
-    corners, both as (-, -), (-, +), (+, -), (+, +); the map is its own transpose.
+def _interpolate_square(a, b, c, d):
+    """Return four times the values at the 2 x 2 Gauss points of a square.
+
+    The corner values a, b, c, d and the results have the order (-, -), (-, +), (+, -),
+    (+, +).  The map is its own transpose.
     """
-    s, t, u, v = a + b, (b - a) * _GAUSS, c + d, (d - c) * _GAUSS
-    a, b, c, d = s - t, s + t, u - v, u + v
-    s, t, u, v = a + c, (c - a) * _GAUSS, b + d, (d - b) * _GAUSS
-    return s - t, u - v, s + t, u + v
+    # Along the second axis of the square.
+    low_sum = a + b
+    low_step = (b - a) * _GAUSS
+    high_sum = c + d
+    high_step = (d - c) * _GAUSS
+    a = low_sum - low_step
+    b = low_sum + low_step
+    c = high_sum - high_step
+    d = high_sum + high_step
+    # Along its first axis.
+    low_sum = a + c
+    low_step = (c - a) * _GAUSS
+    high_sum = b + d
+    high_step = (d - b) * _GAUSS
+    return (
+        low_sum - low_step,
+        high_sum - high_step,
+        low_sum + low_step,
+        high_sum + high_step,
+    )
 
 
-#: Places in ue of the far and the near corner of the four edges along x, y and z.
+#: Offsets in ue of the far and the near corner of the four edges along x, y and z.
 _EDGES = LANES * np.array(
     [[3, 0, 5, 1, 6, 2, 7, 4], [2, 0, 4, 1, 6, 3, 7, 5], [1, 0, 4, 2, 5, 3, 7, 6]]
 )
 
 
 @compiled
-def _derivatives(sides, ue, d):  # type: ignore[no-untyped-def]
-    """Writes the derivatives of a box to d (3 components, 3 axes, 4 places, LANES)."""
+def _box_derivatives(sides, ue, derivatives):
+    """Write derivatives (3 components, 3 axes, 4 positions, LANES) of boxes.
+
+    `sides` (3,) are the edge lengths in m.
+    """
     for i in range(3):
         for j in range(3):
-            h, o, v, f = (
-                0.25 / sides[j],
-                (12 * i + 4 * j) * LANES,
-                8 * i * LANES,
-                _EDGES[j],
-            )
-            for n in range(v, v + LANES):
-                a, b, c, e = _across(
-                    ue[f[0] + n] - ue[f[1] + n],
-                    ue[f[2] + n] - ue[f[3] + n],
-                    ue[f[4] + n] - ue[f[5] + n],
-                    ue[f[6] + n] - ue[f[7] + n],
+            scale = 0.25 / sides[j]
+            edges = _EDGES[j]
+            corners = 8 * i * LANES
+            start = (12 * i + 4 * j) * LANES
+            for n in range(LANES):
+                u = corners + n
+                a, b, c, d = _interpolate_square(
+                    ue[edges[0] + u] - ue[edges[1] + u],
+                    ue[edges[2] + u] - ue[edges[3] + u],
+                    ue[edges[4] + u] - ue[edges[5] + u],
+                    ue[edges[6] + u] - ue[edges[7] + u],
                 )
-                m = o + n - v
-                d[m], d[m + LANES], d[m + 2 * LANES], d[m + 3 * LANES] = (
-                    h * a,
-                    h * b,
-                    h * c,
-                    h * e,
-                )
+                at = start + n
+                derivatives[at] = scale * a
+                derivatives[at + LANES] = scale * b
+                derivatives[at + 2 * LANES] = scale * c
+                derivatives[at + 3 * LANES] = scale * d
 
 
 @compiled
-def _box_strains(sides, mean, ue, d, e, dilatation):  # type: ignore[no-untyped-def]
-    """Do what `strains` does, for boxes of one size; d is scratch."""
+def _box_strains(sides, mean_gradients, ue, d, e, dilatation):
+    """Do what `strains` does, for boxes of one size."""
     L = LANES
-    _derivatives(sides, ue, d)
+    _box_derivatives(sides, ue, d)
     for n in range(L):
         dilatation[n] = 0.0
     for i in range(3):
         for a in range(8):
-            g, o = mean[i, a], (8 * i + a) * L
+            gradient = mean_gradients[i, a]
+            start = (8 * i + a) * L
             for n in range(L):
-                dilatation[n] += g * ue[o + n]
+                dilatation[n] += gradient * ue[start + n]
     for q in range(8):
-        r = 7 - q  # scikit-fem counts its Gauss points from the corner (+, +, +)
-        x, y, z = (r >> 1) & 1, r & 1, r >> 2
-        yz, xz, xy, o = (2 * y + z) * L, (2 * x + z) * L, (2 * x + y) * L, q * L
+        # scikit-fem counts its Gauss points from the corner (+, +, +); bits of `corner`
+        # are 1 on the positive side.
+        corner = 7 - q
+        x = (corner >> 1) & 1
+        y = corner & 1
+        z = corner >> 2
+        # Offsets of the Gauss point among the positions across x, across y, across z.
+        yz = (2 * y + z) * L
+        xz = (2 * x + z) * L
+        xy = (2 * x + y) * L
+        start = q * L
         for n in range(L):
-            e[o + n] = d[yz + n]
-            e[o + 8 * L + n] = d[16 * L + xz + n]
-            e[o + 16 * L + n] = d[32 * L + xy + n]
-            e[o + 24 * L + n] = 0.5 * (d[4 * L + xz + n] + d[12 * L + yz + n])
-            e[o + 32 * L + n] = 0.5 * (d[20 * L + xy + n] + d[28 * L + xz + n])
-            e[o + 40 * L + n] = 0.5 * (d[24 * L + yz + n] + d[8 * L + xy + n])
+            at = start + n
+            e[at] = d[yz + n]
+            e[at + 8 * L] = d[16 * L + xz + n]
+            e[at + 16 * L] = d[32 * L + xy + n]
+            e[at + 24 * L] = 0.5 * (d[4 * L + xz + n] + d[12 * L + yz + n])
+            e[at + 32 * L] = 0.5 * (d[20 * L + xy + n] + d[28 * L + xz + n])
+            e[at + 40 * L] = 0.5 * (d[24 * L + yz + n] + d[8 * L + xy + n])
 
 
 @compiled
-def _box_forces(sides, weight, s, fe):  # type: ignore[no-untyped-def]
+def _box_forces(sides, weight, s, fe):
     """Do what `forces` does, for boxes of one size."""
-    hx, hy, hz = (
-        0.25 * weight / sides[0],
-        0.25 * weight / sides[1],
-        0.25 * weight / sides[2],
-    )
+    scale_x = 0.25 * weight / sides[0]
+    scale_y = 0.25 * weight / sides[1]
+    scale_z = 0.25 * weight / sides[2]
     L = LANES
     for i in range(3):
-        # The stresses on the faces across x, y and z, from the components xx, yy, zz,
-        # xy, yz, zx.
+        # Offsets of the stress components that act along axis i on the faces across x,
+        # y and z.
         if i == 0:
-            p, q, r = 0, 24 * L, 40 * L
+            xi, yi, zi = 0, 24 * L, 40 * L
         elif i == 1:
-            p, q, r = 24 * L, 8 * L, 32 * L
+            xi, yi, zi = 24 * L, 8 * L, 32 * L
         else:
-            p, q, r = 40 * L, 32 * L, 16 * L
-        o = 8 * i * L
-        for e in range(L):
-            a, b, c, d = _across(
-                s[p + 7 * L + e] + s[p + 5 * L + e],
-                s[p + 3 * L + e] + s[p + L + e],
-                s[p + 6 * L + e] + s[p + 4 * L + e],
-                s[p + 2 * L + e] + s[p + e],
+            xi, yi, zi = 40 * L, 32 * L, 16 * L
+        start = 8 * i * L
+        for n in range(L):
+            x0, x1, x2, x3 = _interpolate_square(
+                s[xi + 7 * L + n] + s[xi + 5 * L + n],
+                s[xi + 3 * L + n] + s[xi + L + n],
+                s[xi + 6 * L + n] + s[xi + 4 * L + n],
+                s[xi + 2 * L + n] + s[xi + n],
             )
-            a, b, c, d = hx * a, hx * b, hx * c, hx * d
-            k, j, m, n = _across(
-                s[q + 7 * L + e] + s[q + 6 * L + e],
-                s[q + 3 * L + e] + s[q + 2 * L + e],
-                s[q + 5 * L + e] + s[q + 4 * L + e],
-                s[q + L + e] + s[q + e],
+            y0, y1, y2, y3 = _interpolate_square(
+                s[yi + 7 * L + n] + s[yi + 6 * L + n],
+                s[yi + 3 * L + n] + s[yi + 2 * L + n],
+                s[yi + 5 * L + n] + s[yi + 4 * L + n],
+                s[yi + L + n] + s[yi + n],
             )
-            k, j, m, n = hy * k, hy * j, hy * m, hy * n
-            u, v, w, x = _across(
-                s[r + 7 * L + e] + s[r + 3 * L + e],
-                s[r + 6 * L + e] + s[r + 2 * L + e],
-                s[r + 5 * L + e] + s[r + L + e],
-                s[r + 4 * L + e] + s[r + e],
+            z0, z1, z2, z3 = _interpolate_square(
+                s[zi + 7 * L + n] + s[zi + 3 * L + n],
+                s[zi + 6 * L + n] + s[zi + 2 * L + n],
+                s[zi + 5 * L + n] + s[zi + L + n],
+                s[zi + 4 * L + n] + s[zi + n],
             )
-            u, v, w, x = hz * u, hz * v, hz * w, hz * x
-            fe[o + e] = -a - k - u
-            fe[o + L + e] = -b - j + u
-            fe[o + 2 * L + e] = -c + k - v
-            fe[o + 3 * L + e] = a - m - w
-            fe[o + 4 * L + e] = -d + j + v
-            fe[o + 5 * L + e] = b - n + w
-            fe[o + 6 * L + e] = c + m - x
-            fe[o + 7 * L + e] = d + n + x
+            x0 *= scale_x
+            x1 *= scale_x
+            x2 *= scale_x
+            x3 *= scale_x
+            y0 *= scale_y
+            y1 *= scale_y
+            y2 *= scale_y
+            y3 *= scale_y
+            z0 *= scale_z
+            z1 *= scale_z
+            z2 *= scale_z
+            z3 *= scale_z
+            at = start + n
+            fe[at] = -x0 - y0 - z0
+            fe[at + L] = -x1 - y1 + z0
+            fe[at + 2 * L] = -x2 + y0 - z1
+            fe[at + 3 * L] = x0 - y2 - z2
+            fe[at + 4 * L] = -x3 + y1 + z1
+            fe[at + 5 * L] = x1 - y3 + z2
+            fe[at + 6 * L] = x2 + y2 - z3
+            fe[at + 7 * L] = x3 + y3 + z3
 
 
 @compiled
-def _brick_strains(G, mean, ue, n, e, dilatation):  # type: ignore[no-untyped-def]
-    """Do what `strains` does, for lane n, whose element has the gradients G (3, 8,
-    8).
-    """
+def _brick_strains(gradients, mean_gradients, ue, n, e, dilatation):
+    """Do what `strains` does, for lane n, whose element has gradients (3, 8, 8)."""
     L = LANES
     dilatation[n] = 0.0
     for a in range(8):
         for i in range(3):
-            dilatation[n] += mean[i, a] * ue[(8 * i + a) * L + n]
+            dilatation[n] += mean_gradients[i, a] * ue[(8 * i + a) * L + n]
     for q in range(8):
         xx = yy = zz = xy = yz = zx = 0.0
         for a in range(8):
-            gx, gy, gz = G[0, a, q], G[1, a, q], G[2, a, q]
-            ux, uy, uz = ue[a * L + n], ue[(8 + a) * L + n], ue[(16 + a) * L + n]
+            gx = gradients[0, a, q]
+            gy = gradients[1, a, q]
+            gz = gradients[2, a, q]
+            ux = ue[a * L + n]
+            uy = ue[(8 + a) * L + n]
+            uz = ue[(16 + a) * L + n]
             xx += gx * ux
             yy += gy * uy
             zz += gz * uz
             xy += gy * ux + gx * uy
             yz += gz * uy + gy * uz
             zx += gx * uz + gz * ux
-        o = q * L + n
-        e[o], e[o + 8 * L], e[o + 16 * L] = xx, yy, zz
-        e[o + 24 * L], e[o + 32 * L], e[o + 40 * L] = 0.5 * xy, 0.5 * yz, 0.5 * zx
+        at = q * L + n
+        e[at] = xx
+        e[at + 8 * L] = yy
+        e[at + 16 * L] = zz
+        e[at + 24 * L] = 0.5 * xy
+        e[at + 32 * L] = 0.5 * yz
+        e[at + 40 * L] = 0.5 * zx
 
 
 @compiled
-def _brick_forces(G, weights, s, n, fe):  # type: ignore[no-untyped-def]
-    """Do what `forces` does, for lane n."""
+def _brick_forces(gradients, weights, s, n, fe):
+    """Do what `forces` does, for lane n, whose element has gradients (3, 8, 8)."""
     L = LANES
     for a in range(8):
         fx = fy = fz = 0.0
         for q in range(8):
-            gx, gy, gz = (
-                weights[q] * G[0, a, q],
-                weights[q] * G[1, a, q],
-                weights[q] * G[2, a, q],
-            )
-            o = q * L + n
-            xy, yz, zx = s[o + 24 * L], s[o + 32 * L], s[o + 40 * L]
-            fx += gx * s[o] + gy * xy + gz * zx
-            fy += gx * xy + gy * s[o + 8 * L] + gz * yz
-            fz += gx * zx + gy * yz + gz * s[o + 16 * L]
-        fe[a * L + n], fe[(8 + a) * L + n], fe[(16 + a) * L + n] = fx, fy, fz
+            gx = weights[q] * gradients[0, a, q]
+            gy = weights[q] * gradients[1, a, q]
+            gz = weights[q] * gradients[2, a, q]
+            at = q * L + n
+            xy = s[at + 24 * L]
+            yz = s[at + 32 * L]
+            zx = s[at + 40 * L]
+            fx += gx * s[at] + gy * xy + gz * zx
+            fy += gx * xy + gy * s[at + 8 * L] + gz * yz
+            fz += gx * zx + gy * yz + gz * s[at + 16 * L]
+        fe[a * L + n] = fx
+        fe[(8 + a) * L + n] = fy
+        fe[(16 + a) * L + n] = fz
 
 
 @compiled
-def strains(sides, bricks, shapes, ue, d, e, dilatation):  # type: ignore[no-untyped-def]
-    """Writes the local strains to e and the mean dilatations (LANES,); d is scratch."""
+def strains(sides, bricks, shapes, ue, derivatives, e, dilatation):
+    """Write the local strains to e and the mean dilatations to dilatation (LANES,).
+
+    `sides` is that of `bricks`; if it is not None, all lanes have the shape of the
+    first.  It is an argument of its own because numba compiles only one of the branches
+    for an argument that is None.  `shapes` (LANES,) are the elements' indices of shape,
+    `derivatives` is scratch memory.
+    """
     if sides is not None:
-        s = shapes[0]
-        _box_strains(sides[s], bricks.mean_gradients[s], ue, d, e, dilatation)
+        k = shapes[0]
+        _box_strains(sides[k], bricks.mean_gradients[k], ue, derivatives, e, dilatation)
         return
     for n in range(LANES):
-        s = shapes[n]
+        k = shapes[n]
         _brick_strains(
-            bricks.gradients[s], bricks.mean_gradients[s], ue, n, e, dilatation
+            bricks.gradients[k], bricks.mean_gradients[k], ue, n, e, dilatation
         )
 
 
 @compiled
-def forces(sides, bricks, shapes, s, fe):  # type: ignore[no-untyped-def]
-    """Writes the integrals of the stresses s times the gradients of the basis functions
-    to fe.
+def forces(sides, bricks, shapes, s, fe):
+    """Write the nodal forces of the stresses s to fe; arguments as in `strains`.
+
+    They are the integrals of the stresses times the gradients of the basis functions.
     """
     if sides is not None:
-        _box_forces(sides[shapes[0]], bricks.weights[shapes[0], 0], s, fe)
+        k = shapes[0]
+        _box_forces(sides[k], bricks.weights[k, 0], s, fe)
         return
     for n in range(LANES):
-        _brick_forces(bricks.gradients[shapes[n]], bricks.weights[shapes[n]], s, n, fe)
+        k = shapes[n]
+        _brick_forces(bricks.gradients[k], bricks.weights[k], s, n, fe)

@@ -1,16 +1,14 @@
-"""Limit loads of small bodies: the same bricks and return mapping, but a sparse direct
-solver.
+"""Limit loads of small bodies: the same bricks and return mapping, a direct solver.
 
-Its elements may lack mean dilatation, and then lock (`strip_punch`).  The mean pressure
-is linear in the strain, and split off as a constant matrix: only this depends on the
-mean dilatation.
+The elements may lack mean dilatation, and then lock (`strip_punch`).  The mean pressure
+is linear in the strain, and only this part depends on the mean dilatation: it is split
+off as a constant matrix.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,17 +19,25 @@ from scipy.sparse.linalg import splu
 from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from fem_check import plasticity
-from fem_check.element import CORNERS, Elements, elastic_stiffness, elements
-from fem_check.plasticity import Law, TangentCorrection, layer_stiffness
+from fem_check.element import CORNERS, Elements, elastic_stiffness, elements_of
+from fem_check.plasticity import J2Law, TangentCorrection, layer_stiffness
 from fem_check.smoother import subtract_correction
 
-#: Norm of the free forces over the largest force.
+#: Norm of the free forces over the largest force at which a step has converged.
 TOLERANCE = 1e-9
+#: Newton iterations after which a step is given up.
+MAX_ITERATIONS = 40
+#: Prandtl's mean pressure under a smooth strip punch, over the yield stress.
+STRIP_LIMIT = (2 + math.pi) / math.sqrt(3)
 
 
-class Pushed(NamedTuple):
-    """One step of `push`: the unknowns, the force on each, and the residual of each
-    iteration.
+class PushStep(NamedTuple):
+    """One step of `push`.
+
+    Attributes:
+        unknowns: displacements, in m.
+        forces: on the unknowns, in N.
+        residuals: relative residual after each Newton iteration.
     """
 
     unknowns: FloatArray
@@ -39,98 +45,142 @@ class Pushed(NamedTuple):
     residuals: tuple[float, ...]
 
 
-def assembled(bricks: Elements, per_element: FloatArray) -> sp.csr_matrix:
-    """The sparse sum of (elements, 24, 24) matrices, degrees of freedom 3 node +
-    component.
+def assemble(bricks: Elements, matrices: FloatArray) -> sp.csr_matrix:
+    """Return the sparse sum of element matrices.
+
+    Args:
+        bricks: m elements.
+        matrices: (m, 24, 24), one for each element.
+
+    Returns:
+        Rows and columns are 3 node + component.
     """
     dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
-    rows, columns = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
+    rows = np.repeat(dofs, 24, axis=1).ravel()
+    columns = np.tile(dofs, (1, 24)).ravel()
     size = 3 * (int(bricks.connectivity.max()) + 1)
-    return sp.coo_matrix(
-        (per_element.ravel(), (rows, columns)), shape=(size, size)
-    ).tocsr()
+    matrix = sp.coo_matrix((matrices.ravel(), (rows, columns)), shape=(size, size))
+    return matrix.tocsr()
 
 
-def tangents(
+def element_tangents(
     bricks: Elements,
     stiffness: tuple[FloatArray, FloatArray],
     correction: TangentCorrection,
     scale: float,
 ) -> FloatArray:
-    """(elements, 24, 24) stiffness of `layer_stiffness`, less `scale` times the
-    correction.
+    """Return the (m, 24, 24) tangents of the elements, in N/m.
+
+    Args:
+        bricks: m elements.
+        stiffness: elastic and deviatoric, as from `layer_stiffness`.
+        correction: of the elements that flow.
+        scale: factor of the correction.
     """
     elastic, deviatoric = stiffness
-    out: FloatArray = elastic.reshape(-1, 576)[bricks.shape_of]
-    for e, terms in zip(*correction, strict=True):
-        s = bricks.shape_of[e]
-        gradients, weights = bricks.gradients[s], bricks.weights[s]
-        subtract_correction(out[e], deviatoric[s], gradients, weights, terms, scale)
-    return out.reshape(-1, 24, 24)
+    tangents: FloatArray = elastic.reshape(-1, 576)[bricks.shape_of]
+    for element, terms in zip(*correction, strict=True):
+        shape = bricks.shape_of[element]
+        subtract_correction(
+            tangents[element],
+            deviatoric[shape],
+            bricks.gradients[shape],
+            bricks.weights[shape],
+            terms,
+            scale,
+        )
+    return tangents.reshape(-1, 24, 24)
 
 
 def push(
     bricks: Elements,
-    law: Law,
+    law: J2Law,
     free: NDArray[np.bool_],
     pushed: NDArray[np.integer],
     path: Iterable[float],
     mean_dilatation: bool = True,
     motion: Any = None,
-) -> list[Pushed]:
-    """Push some unknowns of a body step by step, and find the forces.  Raises
-    NotConverged. Newton's method is blended with the elastic stiffness by a tenth of
-    the relative residual.  The displacements are `motion` (sparse) times the unknowns,
-    or are the unknowns; those neither `free` nor `pushed` stay zero.
+) -> list[PushStep]:
+    """Push some unknowns of a body step by step.
+
+    Each step is solved by Newton's method, whose tangent is blended with the elastic
+    stiffness by a tenth of the relative residual.
+
+    Args:
+        bricks: the elements.
+        law: of the material.
+        free: (n,) True for the unknowns that are solved for.
+        pushed: numbers of the unknowns that are prescribed; the others are zero.
+        path: value of the pushed unknowns at the end of each step, in m.
+        mean_dilatation: of the elements.
+        motion: sparse matrix that turns the unknowns into displacements; None: the
+            unknowns are the displacements 3 node + component.
+
+    Raises:
+        NotConverged: after `MAX_ITERATIONS`.
     """
 
-    def stiffness(shear: float) -> FloatArray:
-        each = partial(elastic_stiffness, bricks, mean_dilatation=mean_dilatation)
-        return np.stack([each(s, shear, law.bulk) for s in range(len(bricks.weights))])
+    def stiffness(shear_modulus: float) -> FloatArray:
+        matrices = [
+            elastic_stiffness(
+                bricks,
+                shape,
+                shear_modulus,
+                law.bulk_modulus,
+                mean_dilatation=mean_dilatation,
+            )
+            for shape in range(len(bricks.weights))
+        ]
+        return np.stack(matrices)
 
-    spheric = assembled(bricks, stiffness(0.0)[bricks.shape_of])
-    both = stiffness(law.shear), layer_stiffness(bricks, law)[1]
-    T = sp.identity(spheric.shape[0], format="csr") if motion is None else motion
-    shearing, history = (
-        law._replace(bulk=0.0),
-        plasticity.initial_history(bricks.number),
-    )
-    q, out = np.zeros(T.shape[1]), []
+    spheric = assemble(bricks, stiffness(0.0)[bricks.shape_of])
+    elastic = stiffness(law.shear_modulus)
+    deviatoric = layer_stiffness(bricks, law)[1]
+    if motion is None:
+        motion = sp.identity(spheric.shape[0], format="csr")
+    shear_law = law._replace(bulk_modulus=0.0)
+    history = plasticity.initial_history(bricks.number)
+    q = np.zeros(motion.shape[1])
+    steps = []
     for value in path:
-        change, residuals = np.zeros_like(q), list[float]()
+        change = np.zeros_like(q)
         change[pushed] = value - q[pushed]
-        for iteration in range(41):
-            u = (T @ q).reshape(-1, 3)
-            force, flowing = plasticity.internal_force(u, bricks, shearing, history)
-            forces = T.T @ (force.ravel() + spheric @ u.ravel())
+        residuals: list[float] = []
+        for iteration in range(MAX_ITERATIONS + 1):
+            u = (motion @ q).reshape(-1, 3)
+            force, flowing = plasticity.internal_force(u, bricks, shear_law, history)
+            forces = motion.T @ (force.ravel() + spheric @ u.ravel())
+            scale = 0.0
             if iteration:
-                residuals.append(
-                    float(np.linalg.norm(forces[free]) / np.abs(forces).max())
-                )
-                if residuals[-1] <= TOLERANCE:
+                residual = np.linalg.norm(forces[free]) / np.abs(forces).max()
+                residuals.append(float(residual))
+                if residual <= TOLERANCE:
                     break
-            soft = plasticity.tangent_correction(u, bricks, shearing, history, flowing)
-            scale = 1 - min(1.0, 0.1 * residuals[-1]) if residuals else 0.0
-            K = (
-                T.T @ assembled(bricks, tangents(bricks, both, soft, scale)) @ T
-            ).tocsc()
-            right = -forces - (K @ change if not iteration else 0.0)
-            q = q + (change if not iteration else 0.0)
+                scale = 1 - min(1.0, 0.1 * float(residual))
+            correction = plasticity.tangent_correction(
+                u, bricks, shear_law, history, flowing
+            )
+            tangents = element_tangents(
+                bricks, (elastic, deviatoric), correction, scale
+            )
+            K = (motion.T @ assemble(bricks, tangents) @ motion).tocsc()
+            right = -forces
+            if iteration == 0:
+                right = right - K @ change
+                q = q + change
+            else:
+                q = q.copy()  # earlier steps keep their unknowns
             q[free] += splu(K[free][:, free]).solve(right[free])
         else:
             raise NotConverged(
-                f"the body is not in equilibrium after 40 Newton iterations: relative residual "
-                f"{residuals[-1]:.1e} instead of {TOLERANCE:.0e}",
+                f"the body is not in equilibrium after {MAX_ITERATIONS} Newton "
+                f"iterations: relative residual {residuals[-1]:.1e} instead of "
+                f"{TOLERANCE:.0e}",
                 history=residuals,
             )
-        history = plasticity.commit(u, bricks, shearing, history, flowing)
-        out.append(Pushed(q, forces, tuple(residuals)))
-    return out
-
-
-#: Prandtl's mean pressure under a smooth strip punch over the yield stress: (2 +
-#: pi)/sqrt(3).
-STRIP_LIMIT = (2 + math.pi) / math.sqrt(3)
+        history = plasticity.commit(u, bricks, shear_law, history, flowing)
+        steps.append(PushStep(q, forces, tuple(residuals)))
+    return steps
 
 
 def strip_punch(
@@ -140,23 +190,34 @@ def strip_punch(
     mean_dilatation: bool = True,
     steps: int = 6,
 ) -> FloatArray:
-    """(steps,) mean pressure over the yield stress under a smooth strip punch in plane
-    strain. `count` elements are under half of its width, the unit of length; half of
-    the body is 5 wide and deep.  The last step is far beyond the limit load.
+    """Push a smooth strip punch into a body in plane strain.
+
+    Half of the body is solved.  The half-width of the punch is the unit of length, and
+    the half body is 5 wide and 5 deep.
+
+    Args:
+        count: elements under the half-width of the punch.
+        poisson_ratio: of the body.
+        mean_dilatation: of the elements.
+        steps: number of steps; the last one is far beyond the limit load.
+
+    Returns:
+        (steps,) mean pressure over the yield stress.
     """
     n = 5 * count
-    number = np.arange((n + 1) ** 2).reshape(
-        n + 1, n + 1
-    )  # of the nodes, [across, down]
-    corners = [number[x : n + x, 1 - z : n + 1 - z].ravel() for x, _, z in CORNERS]
+    node = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)  # [across, down]
+    corners = [node[x : n + x, 1 - z : n + 1 - z].ravel() for x, _, z in CORNERS]
     shape = CORNERS[None] * [1 / count, 1.0, 1 / count]
-    bricks = elements(np.stack(corners, axis=1), np.zeros(n * n, dtype=int), shape)
+    bricks = elements_of(np.stack(corners, axis=1), np.zeros(n * n, dtype=int), shape)
     free = np.ones((n + 1, n + 1, 3), dtype=bool)
-    free[..., 1] = free[[0, -1], :, 0] = free[:, -1, 2] = free[: count + 1, 0, 2] = (
-        False
-    )
-    under = 3 * number[: count + 1, 0] + 2
-    law = plasticity.law(1000.0, poisson_ratio, 1.0)
+    free[..., 1] = False  # plane strain
+    free[[0, -1], :, 0] = False  # symmetry, and the far side
+    free[:, -1, 2] = False  # the base
+    free[: count + 1, 0, 2] = False  # the punch
+    pushed = 3 * node[: count + 1, 0] + 2
+    law = plasticity.j2_law(1000.0, poisson_ratio, 1.0)
     path = -0.072 * np.linspace(1 / steps, 1.0, steps)
-    done = push(bricks, law, free.ravel(), under, path, mean_dilatation=mean_dilatation)
-    return -np.array([step.forces[under].sum() for step in done])
+    solved = push(
+        bricks, law, free.ravel(), pushed, path, mean_dilatation=mean_dilatation
+    )
+    return -np.array([step.forces[pushed].sum() for step in solved])

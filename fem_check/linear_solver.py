@@ -1,5 +1,4 @@
-"""The exact inverse of the elastic flat block: lateral Fourier transforms and sweeps
-over levels.
+"""The exact inverse of the elastic flat block: lateral Fourier transforms and sweeps.
 
 A lateral transform splits the stiffness of flat layers of equal bricks, wave by wave,
 into a block-tridiagonal matrix of 3 x 3 blocks A_k (level k with itself) and C_k (with
@@ -8,13 +7,16 @@ to the top,
 
     S_k = (A_k - C_k S_{k+1} C_k^T)^-1,   f_k <- f_k - C_k S_{k+1} f_{k+1},
 
-leaves S_0 on the top level, whose normal entry is the surface's compliance; the sweep
-back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces, which act on the top,
-are found between the two sweeps, on the surface alone (`contact`).
+leaves S_0 on the top level, whose normal entry is the compliance of the surface.  The
+sweep back is u_{k+1} = S_{k+1} (f_{k+1} - C_k^T u_k).  Contact forces act on the top
+only: they are computed between the two sweeps, on the surface alone (`contact`).
 
-Convergence is judged by the internal force of the elements.  Half of the spectrum is
-kept along x, so that the spectrum of a line (ny = 1) is halved, too.
+Half of the spectrum is stored along x, so that the spectrum of a line (ny = 1) is
+halved, too.
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -30,299 +32,393 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS, Elements, elastic_stiffness
-from fem_check.lanes import OPTIONS, compiled
+from fem_check.lanes import OPTIONS, compiled, inlined
 from fem_check.mesh import PeriodicBlock
-from fem_check.plasticity import Law
-from fem_check.workers import ALONE, Workers, pieces
+from fem_check.plasticity import J2Law
+from fem_check.workers import SERIAL, Workers, split_range
 
-#: About as many nodes are transformed at once: calls then cost little, and threads
-#: share levels.
-_NODES_AT_ONCE = 8192
-#: Waves in a piece that one thread takes.
-_WAVES = 256
+#: Nodes that one transform takes, approximately: few enough that threads can share the
+#: levels, and enough that the calls cost little.
+_NODES_PER_TRANSFORM = 8192
+#: Waves that one thread takes at a time.
+_WAVES_PER_RANGE = 256
 
 ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
 class Factor:
-    """The factorised flat elastic block; q runs over (nx // 2 + 1) * ny waves.
+    """The factorised flat elastic block with (nx // 2 + 1) ny waves.
 
-    compliances: (nz + 1, q, 6) the S_k, as 00, 11, 22, 01, 12, 20.  couplings: (nz, q, 9) the C_k.
+    Attributes:
+        shape: (nx, ny) nodes of a level.
+        compliances: (nz + 1, waves, 6) entries xx, yy, zz, xy, yz, zx of S_k, in m/N.
+        couplings: (nz, waves, 9) C_k row by row, in N/m.
+        workers: threads that share the work.
     """
 
     shape: tuple[int, int]
     compliances: FloatArray
     couplings: FloatArray
-    workers: Workers = ALONE
+    workers: Workers = SERIAL
 
     @property
     def surface(self) -> FloatArray:
-        """(nx // 2 + 1, ny) normal displacement of the top per normal nodal force,
-        m/N.
-        """
+        """(nx // 2 + 1, ny) normal displacement of the top per nodal force, in m/N."""
         nx, ny = self.shape
         return self.compliances[0, :, 2].reshape(nx // 2 + 1, ny)
 
 
 def factorise(
-    block: PeriodicBlock, flat: Elements, law: Law, workers: Workers = ALONE
+    block: PeriodicBlock, flat: Elements, law: J2Law, workers: Workers = SERIAL
 ) -> Factor:
-    """Eliminate the `flat` elements of `block` wave by wave, with the moduli of
-    `law`.
+    """Factorise the elastic stiffness of a flat block wave by wave.
+
+    Args:
+        block: the block.
+        flat: its elements with a flat top.
+        law: of which the elastic moduli count.
+        workers: threads that share the work, here and in all later solves.
     """
     nx, ny = block.shape
-    count, waves = len(block.layers), (nx // 2 + 1) * ny
+    nz = len(block.layers)
+    waves = (nx // 2 + 1) * ny
     cosines, sines = _phases(nx, ny)
-    S, C = np.zeros((count + 1, waves, 6)), np.empty((count, waves, 9))
-    stencils = [
-        _stencils(elastic_stiffness(flat, k, law.shear, law.bulk)) for k in range(count)
-    ]
+    S = np.zeros((nz + 1, waves, 6))
+    C = np.empty((nz, waves, 9))
+    moduli = law.shear_modulus, law.bulk_modulus
+    stencils = [_stencils(elastic_stiffness(flat, k, *moduli)) for k in range(nz)]
     if block.sliding:
         base = _symbol(stencils[-1][2], cosines, sines).reshape(-1, 3, 3)[:, :2, :2]
+        # The mean of the sliding base is held: no force resists its motion.
         base[0] = np.eye(2)
         inverse = np.linalg.inv(base)
-        inverse[0] = 0  # holds the mean of the sliding base still
-        S[count][:, [0, 1, 3]] = inverse[:, [0, 1, 0], [0, 1, 1]]
+        inverse[0] = 0
+        S[nz][:, [0, 1, 3]] = inverse[:, [0, 1, 0], [0, 1, 1]]
 
-    def task(ranges: NDArray[np.int64]) -> None:
-        some = slice(ranges[0, 0], ranges[-1, 1])
-        for k in range(count - 1, -1, -1):
-            C[k, some] = _symbol(stencils[k][1], cosines[some], sines[some])
-            level = _symbol(stencils[k][0], cosines[some], sines[some])
+    def eliminate_levels(ranges: NDArray[np.int64]) -> None:
+        part = slice(ranges[0, 0], ranges[-1, 1])
+        for k in range(nz - 1, -1, -1):
+            top, coupling, _ = stencils[k]
+            C[k, part] = _symbol(coupling, cosines[part], sines[part])
+            level = _symbol(top, cosines[part], sines[part])
             if k > 0:
-                level += _symbol(stencils[k - 1][2], cosines[some], sines[some])
-            _eliminate(level, C[k, some], S[k + 1, some], S[k, some])
+                level += _symbol(stencils[k - 1][2], cosines[part], sines[part])
+            _eliminate(level, C[k, part], S[k + 1, part], S[k, part])
 
-    workers.share(task, pieces(waves, _WAVES))
+    workers.run(eliminate_levels, split_range(waves, _WAVES_PER_RANGE))
     return Factor((nx, ny), S, C, workers)
 
 
 def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
-    """(waves, 9) cosines and sines of the phase between a node and its lateral
-    neighbours.
-    """
-    ax, ay = 2 * np.pi * np.arange(nx // 2 + 1) / nx, 2 * np.pi * np.arange(ny) / ny
-    ox, oy = np.repeat([-1, 0, 1], 3), np.tile([-1, 0, 1], 3)
-    angle = (ax[:, None, None] * ox + ay[:, None] * oy).reshape(-1, 9)
+    """Return (waves, 9) cosines and sines of the phases of a node's neighbours."""
+    angle_x = 2 * np.pi * np.arange(nx // 2 + 1) / nx
+    angle_y = 2 * np.pi * np.arange(ny) / ny
+    offset_x = np.repeat([-1, 0, 1], 3)
+    offset_y = np.tile([-1, 0, 1], 3)
+    angle = angle_x[:, None, None] * offset_x + angle_y[:, None] * offset_y
+    angle = angle.reshape(-1, 9)
     return np.cos(angle), np.sin(angle)
 
 
 def _stencils(stiffness: FloatArray) -> FloatArray:
-    """(3, 9 offsets, 3, 3) the top-top, top-bottom and bottom-bottom stencils of one
-    layer.
+    """Return the stencils of one layer from its (24, 24) element stiffness.
+
+    They are (3, 9 offsets, 3, 3): top level with itself, top with bottom, and bottom
+    with itself.
     """
     K = stiffness.reshape(8, 3, 8, 3)
-    out = np.zeros((3, 9, 3, 3))
+    stencils = np.zeros((3, 9, 3, 3))
     for a, (ax, ay, az) in enumerate(CORNERS):
         for b, (bx, by, bz) in enumerate(CORNERS):
             if az >= bz:
-                out[2 - az - bz, 3 * (bx - ax + 1) + by - ay + 1] += K[a, :, b, :]
-    return out
+                offset = 3 * (bx - ax + 1) + by - ay + 1
+                stencils[2 - az - bz, offset] += K[a, :, b, :]
+    return stencils
 
 
 @compiled
-def _symbol(stencil, cosines, sines):  # type: ignore[no-untyped-def]
-    """(waves, 9) the real form of a stencil's transform, with u_z = i times the
-    unknown.
+def _symbol(stencil, cosines, sines):
+    """Return (waves, 9) the real transform of a stencil (9 offsets, 3, 3).
+
+    It is real because u_z is replaced by i u_z.
     """
-    out = np.zeros(cosines.shape)
-    for q in range(out.shape[0]):
-        for o in range(9):
-            c, s = cosines[q, o], sines[q, o]
+    symbol = np.zeros(cosines.shape)
+    for q in range(symbol.shape[0]):
+        for offset in range(9):
+            cosine = cosines[q, offset]
+            sine = sines[q, offset]
             for i in range(3):
                 for j in range(3):
-                    factor = c
+                    factor = cosine
                     if i < 2 and j == 2:  # xz, yz
-                        factor = -s
+                        factor = -sine
                     elif i == 2 and j < 2:  # zx, zy
-                        factor = s
-                    out[q, 3 * i + j] += factor * stencil[o, i, j]
-    return out
+                        factor = sine
+                    symbol[q, 3 * i + j] += factor * stencil[offset, i, j]
+    return symbol
 
 
 @njit(**OPTIONS)
-def _eliminate(A, C, below, S):  # type: ignore[no-untyped-def]
-    """S <- (A - C below C^T)^-1 for every wave."""
-    D, B, T = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+def _eliminate(A, C, below, S):
+    """Write (A - C below C^T)^-1 to S, for every wave."""
+    D = np.empty((3, 3))
+    B = np.empty((3, 3))
+    CB = np.empty((3, 3))
     for q in range(A.shape[0]):
-        s, c = below[q], C[q]
-        B[0, 0], B[1, 1], B[2, 2] = s[0], s[1], s[2]
+        s = below[q]
+        c = C[q]
+        B[0, 0] = s[0]
+        B[1, 1] = s[1]
+        B[2, 2] = s[2]
         B[0, 1] = B[1, 0] = s[3]
         B[1, 2] = B[2, 1] = s[4]
         B[0, 2] = B[2, 0] = s[5]
         for i in range(3):
             for j in range(3):
-                T[i, j] = (
+                CB[i, j] = (
                     c[3 * i] * B[0, j] + c[3 * i + 1] * B[1, j] + c[3 * i + 2] * B[2, j]
                 )
         for i in range(3):
             for j in range(3):
                 D[i, j] = A[q, 3 * i + j] - (
-                    T[i, 0] * c[3 * j] + T[i, 1] * c[3 * j + 1] + T[i, 2] * c[3 * j + 2]
+                    CB[i, 0] * c[3 * j]
+                    + CB[i, 1] * c[3 * j + 1]
+                    + CB[i, 2] * c[3 * j + 2]
                 )
-        a, b, d = D[0, 0], D[1, 1], D[2, 2]
-        e, f, g = (
-            (D[0, 1] + D[1, 0]) / 2,
-            (D[1, 2] + D[2, 1]) / 2,
-            (D[2, 0] + D[0, 2]) / 2,
-        )
-        det = a * (b * d - f * f) - e * (e * d - f * g) + g * (e * f - b * g)
-        S[q, 0], S[q, 1] = (b * d - f * f) / det, (a * d - g * g) / det
-        S[q, 2], S[q, 3] = (a * b - e * e) / det, (f * g - e * d) / det
-        S[q, 4], S[q, 5] = (e * g - a * f) / det, (e * f - b * g) / det
+        xx = D[0, 0]
+        yy = D[1, 1]
+        zz = D[2, 2]
+        xy = (D[0, 1] + D[1, 0]) / 2
+        yz = (D[1, 2] + D[2, 1]) / 2
+        zx = (D[2, 0] + D[0, 2]) / 2
+        # `invert_symmetric` with strict arithmetic.
+        cofactor_xx = yy * zz - yz * yz
+        cofactor_zx = xy * yz - yy * zx
+        determinant = xx * cofactor_xx - xy * (xy * zz - yz * zx) + zx * cofactor_zx
+        S[q, 0] = cofactor_xx / determinant
+        S[q, 1] = (xx * zz - zx * zx) / determinant
+        S[q, 2] = (xx * yy - xy * xy) / determinant
+        S[q, 3] = (yz * zx - xy * zz) / determinant
+        S[q, 4] = (xy * zx - xx * yz) / determinant
+        S[q, 5] = cofactor_zx / determinant
+
+
+# In the sweeps, the z components of forces and displacements are divided by i, which
+# makes S and C real.
+
+
+@inlined
+def _times_symmetric(s, x, y, z):
+    """Return a symmetric matrix (xx, yy, zz, xy, yz, zx) times a vector."""
+    return (
+        s[0] * x + s[3] * y + s[5] * z,
+        s[3] * x + s[1] * y + s[4] * z,
+        s[5] * x + s[4] * y + s[2] * z,
+    )
 
 
 @compiled
-def _down(f, S, C, waves):  # type: ignore[no-untyped-def]
-    """Eliminate from the lowest level given to the top, in place; f is (levels, waves,
-    3).
-    """
+def _sweep_up(f, S, C, waves):
+    """Eliminate the forces f (levels, waves, 3) from the lowest level to the top."""
     for k in range(f.shape[0] - 2, -1, -1):
         for q in range(waves[0, 0], waves[-1, 1]):
-            s, c = S[k + 1, q], C[k, q]
-            x, y, z = f[k + 1, q, 0], f[k + 1, q, 1], f[k + 1, q, 2] * -1j
-            a = s[0] * x + s[3] * y + s[5] * z
-            b = s[3] * x + s[1] * y + s[4] * z
-            d = s[5] * x + s[4] * y + s[2] * z
-            f[k, q, 0] -= c[0] * a + c[1] * b + c[2] * d
-            f[k, q, 1] -= c[3] * a + c[4] * b + c[5] * d
-            f[k, q, 2] -= 1j * (c[6] * a + c[7] * b + c[8] * d)
+            c = C[k, q]
+            below = f[k + 1, q]
+            x, y, z = _times_symmetric(S[k + 1, q], below[0], below[1], below[2] * -1j)
+            f[k, q, 0] -= c[0] * x + c[1] * y + c[2] * z
+            f[k, q, 1] -= c[3] * x + c[4] * y + c[5] * z
+            f[k, q, 2] -= 1j * (c[6] * x + c[7] * y + c[8] * z)
 
 
 @compiled
-def _up(f, S, C, waves):  # type: ignore[no-untyped-def]
-    """Solve from the top to the lowest level given, in place."""
+def _sweep_down(f, S, C, waves):
+    """Turn eliminated forces f into displacements, from the top to the lowest level."""
     for k in range(f.shape[0]):
         for q in range(waves[0, 0], waves[-1, 1]):
-            s = S[k, q]
-            x, y, z = f[k, q, 0], f[k, q, 1], f[k, q, 2] * -1j
+            fx = f[k, q, 0]
+            fy = f[k, q, 1]
+            fz = f[k, q, 2] * -1j
             if k > 0:
                 c = C[k - 1, q]
-                a, b, d = f[k - 1, q, 0], f[k - 1, q, 1], f[k - 1, q, 2] * -1j
-                x -= c[0] * a + c[3] * b + c[6] * d
-                y -= c[1] * a + c[4] * b + c[7] * d
-                z -= c[2] * a + c[5] * b + c[8] * d
-            f[k, q, 0] = s[0] * x + s[3] * y + s[5] * z
-            f[k, q, 1] = s[3] * x + s[1] * y + s[4] * z
-            f[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
+                x = f[k - 1, q, 0]
+                y = f[k - 1, q, 1]
+                z = f[k - 1, q, 2] * -1j
+                fx -= c[0] * x + c[3] * y + c[6] * z
+                fy -= c[1] * x + c[4] * y + c[7] * z
+                fz -= c[2] * x + c[5] * y + c[8] * z
+            x, y, z = _times_symmetric(S[k, q], fx, fy, fz)
+            f[k, q, 0] = x
+            f[k, q, 1] = y
+            f[k, q, 2] = 1j * z
 
 
 @compiled
-def _continue(level, S, C, out, waves):  # type: ignore[no-untyped-def]
-    """Solve from below the `level` (waves, 3) to the base, where no force acts."""
-    for k in range(out.shape[0]):
+def _sweep_below(level, S, C, u, waves):
+    """Write the displacements below a given level (waves, 3) to u, down to the base.
+
+    No force acts there.
+    """
+    for k in range(u.shape[0]):
         for q in range(waves[0, 0], waves[-1, 1]):
-            s, c = S[k, q], C[k, q]
+            s = S[k, q]
+            c = C[k, q]
             if k == 0:
-                a, b, d = level[q, 0], level[q, 1], level[q, 2] * -1j
+                x = level[q, 0]
+                y = level[q, 1]
+                z = level[q, 2] * -1j
             else:
-                a, b, d = out[k - 1, q, 0], out[k - 1, q, 1], out[k - 1, q, 2] * -1j
-            x = -(c[0] * a + c[3] * b + c[6] * d)
-            y = -(c[1] * a + c[4] * b + c[7] * d)
-            z = -(c[2] * a + c[5] * b + c[8] * d)
-            out[k, q, 0] = s[0] * x + s[3] * y + s[5] * z
-            out[k, q, 1] = s[3] * x + s[1] * y + s[4] * z
-            out[k, q, 2] = 1j * (s[5] * x + s[4] * y + s[2] * z)
+                x = u[k - 1, q, 0]
+                y = u[k - 1, q, 1]
+                z = u[k - 1, q, 2] * -1j
+            fx = -(c[0] * x + c[3] * y + c[6] * z)
+            fy = -(c[1] * x + c[4] * y + c[7] * z)
+            fz = -(c[2] * x + c[5] * y + c[8] * z)
+            u[k, q, 0] = s[0] * fx + s[3] * fy + s[5] * fz
+            u[k, q, 1] = s[3] * fx + s[1] * fy + s[4] * fz
+            u[k, q, 2] = 1j * (s[5] * fx + s[4] * fy + s[2] * fz)
 
 
-def transform(field: FloatArray, workers: Workers = ALONE) -> ComplexArray:
-    """Lateral transform of (levels, nx, ny, 3) displacements or of an (nx, ny) surface
-    field.
+def transform(field: FloatArray, workers: Workers = SERIAL) -> ComplexArray:
+    """Return the lateral Fourier transform of a field.
+
+    Args:
+        field: (levels, nx, ny, 3) of the block or (nx, ny) of its surface.
+        workers: threads that share the levels.
+
+    Returns:
+        (levels, nx // 2 + 1, ny, 3) or (nx // 2 + 1, ny).
     """
     if field.ndim == 2:
         surface: ComplexArray = ducc0.fft.r2c(field, axes=(1, 0), nthreads=1)
         return surface
     levels, nx, ny, _ = field.shape
-    out = np.empty((levels, nx // 2 + 1, ny, 3), dtype=complex)
+    spectrum = np.empty((levels, nx // 2 + 1, ny, 3), dtype=complex)
 
-    def task(ranges: NDArray[np.int64]) -> None:
+    def transform_levels(ranges: NDArray[np.int64]) -> None:
         for first, stop in ranges:
-            ducc0.fft.r2c(
-                field[first:stop], axes=(2, 1), out=out[first:stop], nthreads=1
-            )
+            part = spectrum[first:stop]
+            ducc0.fft.r2c(field[first:stop], axes=(2, 1), out=part, nthreads=1)
 
-    _share_levels(workers, task, field.shape)
-    return out
+    _run_by_levels(workers, transform_levels, field.shape)
+    return spectrum
 
 
-def inverse(spectrum: ComplexArray, nx: int, workers: Workers = ALONE) -> FloatArray:
-    """The inverse of `transform`, which may overwrite the `spectrum` of a
-    displacement.
+def inverse_transform(
+    spectrum: ComplexArray, nx: int, workers: Workers = SERIAL
+) -> FloatArray:
+    """Return the inverse of `transform`; it may overwrite the spectrum of a block.
+
+    Args:
+        spectrum: as `transform` returns it.
+        nx: number of nodes along x.
+        workers: threads that share the levels.
     """
     options = {"lastsize": nx, "forward": False, "inorm": 2, "nthreads": 1}
     if spectrum.ndim == 2:
         surface: FloatArray = ducc0.fft.c2r(spectrum, axes=(1, 0), **options)
         return surface
     levels, _, ny, _ = spectrum.shape
-    out = np.empty((levels, nx, ny, 3))
+    field = np.empty((levels, nx, ny, 3))
 
-    def task(ranges: NDArray[np.int64]) -> None:
+    def transform_levels(ranges: NDArray[np.int64]) -> None:
         for first, stop in ranges:
-            given, result = spectrum[first:stop], out[first:stop]
             ducc0.fft.c2r(
-                given, axes=(2, 1), out=result, allow_overwriting_input=True, **options
+                spectrum[first:stop],
+                axes=(2, 1),
+                out=field[first:stop],
+                allow_overwriting_input=True,
+                **options,
             )
 
-    _share_levels(workers, task, out.shape)
-    return out
+    _run_by_levels(workers, transform_levels, field.shape)
+    return field
 
 
-def _share_levels(
+def _run_by_levels(
     workers: Workers, task: Callable[[NDArray[np.int64]], None], shape: tuple[int, ...]
 ) -> None:
-    """Call `task` with the same ranges of levels on any threads: others would round
-    otherwise.
+    """Call `task` with ranges of levels of a field of this shape.
+
+    The ranges are the same on any number of threads, because other ranges would change
+    the rounding.
     """
-    size = shape[1] * shape[2]
-    workers.share(
-        task, pieces(shape[0], max(1, _NODES_AT_ONCE // size)), weight=size / 4
-    )
+    nodes = shape[1] * shape[2]
+    levels_per_range = max(1, _NODES_PER_TRANSFORM // nodes)
+    workers.run(task, split_range(shape[0], levels_per_range), work=nodes / 4)
+
+
+def _run_by_waves(factor: Factor, task: Callable[[NDArray[np.int64]], Any]) -> None:
+    """Call `task` with ranges of waves."""
+    waves = factor.compliances.shape[1]
+    factor.workers.run(task, split_range(waves, _WAVES_PER_RANGE))
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
-    """The transformed `force` (levels, nx, ny, 3) after the sweep up; below it none
-    acts.
+    """Return transformed forces after the sweep up.
+
+    Args:
+        factor: of the block.
+        force: (levels, nx, ny, 3) on the upper levels, in N; no force acts below.
+
+    Returns:
+        (levels, nx // 2 + 1, ny, 3), for `top_descent` and `substitute`.
     """
     spectrum = transform(force, factor.workers)
     waves = spectrum.reshape(len(spectrum), -1, 3)
-    _share(factor, partial(_down, waves, factor.compliances, factor.couplings))
+    _run_by_waves(
+        factor, partial(_sweep_up, waves, factor.compliances, factor.couplings)
+    )
     return spectrum
 
 
 def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
-    """(nx, ny) downward displacement of the top under the eliminated force, in m."""
-    s, f = factor.compliances[0].T, eliminated[0].reshape(-1, 3).T
-    w = 1j * (s[5] * f[0] + s[4] * f[1] + s[2] * (-1j * f[2]))
-    return -inverse(w.reshape(eliminated.shape[1:3]), factor.shape[0])
+    """Return the (nx, ny) descent of the top under eliminated forces, in m."""
+    s = factor.compliances[0].T
+    x, y, z = eliminated[0].reshape(-1, 3).T
+    upward = 1j * (s[5] * x + s[4] * y + s[2] * (-1j * z))
+    upward = upward.reshape(eliminated.shape[1:3])
+    return -inverse_transform(upward, factor.shape[0])
 
 
 def substitute(
     factor: Factor, eliminated: ComplexArray, contact_forces: FloatArray
 ) -> FloatArray:
-    """The displacement under the eliminated force, which it overwrites, and
-    `contact_forces`.
+    """Return the displacements under eliminated forces and contact forces.
+
+    Args:
+        factor: of the block.
+        eliminated: forces after `eliminate`, which are overwritten.
+        contact_forces: (nx, ny) downward on the top, in N.
+
+    Returns:
+        (levels, nx, ny, 3) in m.
     """
     eliminated[0, :, :, 2] -= transform(contact_forces)
     waves = eliminated.reshape(len(eliminated), -1, 3)
-    _share(factor, partial(_up, waves, factor.compliances, factor.couplings))
-    return inverse(eliminated, factor.shape[0], factor.workers)
+    _run_by_waves(
+        factor, partial(_sweep_down, waves, factor.compliances, factor.couplings)
+    )
+    return inverse_transform(eliminated, factor.shape[0], factor.workers)
 
 
 def extend_to_base(factor: Factor, level: FloatArray, above: int) -> FloatArray:
-    """The displacement below the first `above` levels, of which the last has the given
-    one.
+    """Return the displacements below some levels, where no force acts.
+
+    Args:
+        factor: of the block.
+        level: (nx, ny, 3) displacement of the lowest of these levels, in m.
+        above: number of these levels, from the top.
+
+    Returns:
+        (nz + 1 - above, nx, ny, 3) in m.
     """
-    top = transform(level[None]).reshape(-1, 3)
     nx, ny = factor.shape
-    below = np.empty(
-        (len(factor.compliances) - above, nx // 2 + 1, ny, 3), dtype=complex
-    )
-    S, C = factor.compliances[above:], factor.couplings[above - 1 :]
-    _share(factor, partial(_continue, top, S, C, below.reshape(len(below), -1, 3)))
-    return inverse(below, nx, factor.workers)
-
-
-def _share(factor: Factor, task: Callable[[NDArray[np.int64]], Any]) -> None:
-    """Call `task` with parts of the waves."""
-    factor.workers.share(task, pieces(factor.compliances.shape[1], _WAVES))
+    levels = len(factor.compliances) - above
+    spectrum = np.empty((levels, nx // 2 + 1, ny, 3), dtype=complex)
+    lowest = transform(level[None]).reshape(-1, 3)
+    S = factor.compliances[above:]
+    C = factor.couplings[above - 1 :]
+    waves = spectrum.reshape(levels, -1, 3)
+    _run_by_waves(factor, partial(_sweep_below, lowest, S, C, waves))
+    return inverse_transform(spectrum, nx, factor.workers)

@@ -1,15 +1,15 @@
 """The contact problem of a body with a frozen material tangent.
 
-A primal-dual active set method solves the equalities on a guessed contact set, which it
-then changes until forces press and gaps are open.  The solves are conjugate gradients
-in the null space of the constraints.  Their preconditioner is the elastic flat block
-with the same constraints met exactly (a constraint preconditioner; Gould, Hribar and
-Nocedal 2001), between two sweeps over the flowing nodes (`smoother`).
+A primal-dual active set method solves the equalities on a guessed contact set, then
+changes the set until forces press and gaps are open.  The solves are conjugate
+gradients in the null space of the constraints.  Their preconditioner is the elastic
+flat block with the same constraints met exactly (a constraint preconditioner; Gould,
+Hribar and Nocedal 2001), between two sweeps over the flowing nodes (`smoother`).
 
-On the flat block the elastic stiffness times a preconditioned residual is that
-residual, so a product with the tangent touches the flowing elements only.  After an
-elastic solve all residuals lie on the levels of nodes that flow: the solves work on
-these alone, and the step is continued to the base once.  The signs are those of
+On the flat block, the elastic stiffness times a preconditioned residual is that
+residual, so that a product with the tangent needs the flowing elements only.  After an
+elastic solve all residuals are on the levels of nodes that flow: the solves work on
+these levels alone, and the step is continued to the base once.  Signs are those of
 `problem`.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
-from fem_check.contact import States, predicted_states, solve_contact_forces
+from fem_check.contact import States, predict_states, solve_contact_forces
 from fem_check.linear_solver import eliminate, extend_to_base, substitute, top_descent
 from fem_check.plasticity import TangentCorrection
 from fem_check.problem import (
@@ -34,26 +34,33 @@ from fem_check.problem import (
     unbalanced,
     unbalanced_norm,
 )
-from fem_check.smoother import FlowRows, Smoother, assemble
+from fem_check.smoother import FlowRows, Smoother, assemble_rows
 from fem_check.workers import axpy, dot, norm, xpay
 
-#: The contact set is accepted when the share of its nodes that still change is below
-#: this factor times `forcing`: the next Newton iteration moves more nodes.  A node in
-#: the wrong set shows in the residuals of tension and penetration, so this affects the
-#: work and not the answer.
+#: The contact set is accepted when the fraction of its nodes that still change is below
+#: this factor times `forcing`, because the next Newton iteration moves more nodes.  A
+#: node in the wrong set shows in the residuals of tension and penetration: this factor
+#: affects the work and not the solution.
 UNSETTLED = 0.1
-#: Levels whose residual is below this share of what the linear solve aims at are left
-#: out of it.
+#: Levels are left out of a linear solve if the norm of their residual is below this
+#: fraction of the solve's goal.
 NEGLIGIBLE = 0.01
-#: A solve that reduces the residual by less takes too few iterations for a smoother to
-#: pay.
-WORTH_SMOOTHING = 0.1
+#: A solve whose goal is above this fraction of its residual takes so few iterations
+#: that a smoother does not pay.
+SMOOTHING_GOAL = 0.1
+#: Iterations of conjugate gradients after which a linear solve is given up; the next
+#: Newton iteration goes on from its result.
+MAX_ITERATIONS = 400
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """The frozen body: the elastic stiffness plus (1 - blend) times the plastic
-    `correction`.
+    """The stiffness of the frozen body.
+
+    Attributes:
+        problem: the problem.
+        correction: consistent tangent less elastic stiffness; None: nothing flows.
+        blend: fraction of the correction that is left out.
     """
 
     problem: Problem
@@ -62,61 +69,79 @@ class Tangent:
 
     @cached_property
     def levels(self) -> int:
-        """Number of levels of nodes, from the top, with a residual after an elastic
-        solve.
-        """
-        every = len(self.problem.block.layers) + 1
+        """Number of levels, from the top, with a residual after an elastic solve."""
+        all_levels = len(self.problem.block.layers) + 1
         if not self.problem.flat:
-            return every
+            return all_levels
         if self.correction is None:
             return 1
-        deepest = int(self.correction.which.max(initial=0)) // self.problem.heights.size
-        return min(deepest + 3, every)  # of the flowing elements and their neighbours
+        deepest = int(self.correction.elements.max(initial=0))
+        layer = deepest // self.problem.heights.size
+        # The nodes of the deepest flowing elements, and their neighbours below.
+        return min(layer + 3, all_levels)
 
     def levels_with(self, R: FloatArray, norm_below: float) -> int:
-        """Number of levels outside of which nothing flows and R has at most this
-        norm.
+        """Return the number of levels that a linear solve needs.
+
+        Below them nothing flows, and the norm of the reaction R (levels, nx, ny, 3) is
+        at most `norm_below`, in N.
         """
-        below, level = 0.0, len(R)
-        while level > self.levels and below <= norm_below:
-            level -= 1
+        below = 0.0
+        for level in range(len(R) - 1, self.levels - 1, -1):
             below = math.hypot(below, norm(R[level], self.problem.workers))
-        return level if below <= norm_below else level + 1
+            if below > norm_below:
+                return level + 1
+        return self.levels
 
     @property
     def smoothed(self) -> bool:
         """True if some element flows, and its rows can be assembled."""
-        flows = self.correction is not None and self.correction.which.size > 0
-        return flows and self.problem.flat
+        if self.correction is None:
+            return False
+        return self.correction.elements.size > 0 and self.problem.flat
 
     @cached_property
     def rows(self) -> FlowRows:
         """The matrix rows of the flowing nodes."""
         assert self.correction is not None
-        return assemble(self.problem, self.correction, 1 - self.blend)
+        return assemble_rows(self.problem, self.correction, 1 - self.blend)
 
     def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
-        """The stiffness times `v`, less `elastic`, the flat block's elastic product."""
-        problem, out = self.problem, np.zeros_like(v)
-        if self.correction is not None and self.correction.which.size:
+        """Return the stiffness times v, less the elastic product with the flat block.
+
+        Args:
+            v: (levels, nx, ny, 3) unknown displacements, in m.
+            elastic: the elastic stiffness of the flat block times v, in N.
+
+        Returns:
+            (levels, nx, ny, 3) in N.
+        """
+        problem = self.problem
+        excess = np.zeros_like(v)
+        if self.correction is not None and self.correction.elements.size:
             plasticity.add_correction(
-                problem.turned(v).reshape(-1, 3),
+                problem.physical_displacement(v).reshape(-1, 3),
                 problem.bricks,
                 self.correction,
                 1 - self.blend,
-                out.reshape(-1, 3),
+                excess.reshape(-1, 3),
                 problem.workers,
             )
-            problem.turned_back(out)
+            problem.force_on_unknowns(excess)
         if not problem.flat:
-            out += problem.internal_force(v, None)[0] - elastic
-        return problem.without_base(out)
+            excess += problem.internal_force(v, None)[0] - elastic
+        return problem.clear_base(excess)
 
 
 @dataclass
 class LinearSolution:
-    """The step and the reaction that it leaves, both on the levels with residuals, and
-    the rest.
+    """The solution of a linearised contact problem.
+
+    Attributes:
+        step: (levels, nx, ny, 3) change of the displacement, in m.
+        reaction: (levels, nx, ny, 3) R that remains after the step, in N.
+        approach: of the flat, in m.
+        states: (nx, ny) contact states.
     """
 
     step: FloatArray
@@ -131,26 +156,35 @@ def linear_contact(
     tangent: Tangent,
     control: Control,
     forcing: float,
-    sweeps: int = 12,
+    max_sweeps: int = 12,
 ) -> tuple[LinearSolution, Counts]:
-    """Solve the contact of the tangent frozen at `state`, whose reaction is R; also
-    counts.  The solves reduce the residual by `forcing`; the contact set changes at
-    most `sweeps` times.
+    """Solve the contact problem of the frozen body.
+
+    Args:
+        state: at which the tangent was computed.
+        R: (nz + 1, nx, ny, 3) reaction of the state, in N.
+        tangent: of the frozen body.
+        control: what is prescribed.
+        forcing: factor by which each solve reduces the residual.
+        max_sweeps: largest number of contact sets.
+
+    Returns:
+        The solution, whose step reaches the base, and the numbers of iterations.
     """
     problem = tangent.problem
     missing = problem.missing_load(R, state.states, control)
     balance = unbalanced_norm(R, state.states, problem.workers)
     scale = max(balance + abs(missing), 1e-300)
     R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
-    linear, counts = (
-        LinearSolution(np.zeros_like(R), R, state.approach, state.states),
-        Counts(),
-    )
-    for sweep in range(sweeps):
-        goal = forcing * scale * (5 if sweep < 8 else 1)
-        spent = _solve_on_set(state, linear, tangent, control, goal)
-        counts += Counts(cg=spent, most_cg=spent, sweeps=1)
-        changed = _predict_states(problem, state, linear, control)
+    linear = LinearSolution(np.zeros_like(R), R, state.approach, state.states)
+    counts = Counts()
+    for sweep in range(max_sweeps):
+        goal = forcing * scale
+        if sweep < 8:
+            goal *= 5  # the first contact sets do not deserve an accurate solve
+        iterations = _solve_on_set(state, linear, tangent, control, goal)
+        counts += Counts(cg=iterations, most_cg=iterations, sweeps=1)
+        changed = _update_states(problem, state, linear, control)
         if changed <= UNSETTLED * forcing * int((linear.states != APART).sum()):
             break
     linear.step = _to_base(problem, linear.step)
@@ -158,7 +192,7 @@ def linear_contact(
 
 
 def _to_base(problem: Problem, step: FloatArray) -> FloatArray:
-    """The step on all levels, given it on the upper ones, below which no force acts."""
+    """Continue a step on the upper levels to the base; no force acts in between."""
     levels = len(step)
     if levels == len(problem.block.layers) + 1:
         return step
@@ -167,19 +201,24 @@ def _to_base(problem: Problem, step: FloatArray) -> FloatArray:
 
 def _elastic_solve(
     problem: Problem,
-    r: FloatArray,
+    force: FloatArray,
     states: States,
     target: FloatArray,
     load: float | None,
     tolerance: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, forces, d): K_elastic z = r - forces, where z moves the contact down by
-    `target` + d.
+    """Solve the elastic contact problem K z = force - contact forces, on a contact set.
+
+    The contact nodes move down by `target` (nx, ny) plus the approach; `load`,
+    `tolerance` and `start` are those of `solve_contact_forces`.
+
+    Returns z (levels, nx, ny, 3) in m, the contact forces (nx, ny) in N and the
+    approach in m.
     """
-    spectrum = eliminate(problem.factor, r)
+    spectrum = eliminate(problem.factor, force)
     descent = top_descent(problem.factor, spectrum)
-    forces, approach = solve_contact_forces(
+    contact_forces, approach = solve_contact_forces(
         problem.factor.surface,
         target - descent,
         states == ELASTIC,
@@ -187,44 +226,54 @@ def _elastic_solve(
         start,
         tolerance,
     )
-    return substitute(problem.factor, spectrum, forces), forces, approach
+    z = substitute(problem.factor, spectrum, contact_forces)
+    return z, contact_forces, approach
 
 
 def precondition(
     tangent: Tangent,
-    sweeps: Smoother | None,
+    smoother: Smoother | None,
     R: FloatArray,
     missing: float | None,
     states: States,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(z, K z, its part of the approach) of the reaction R and of the load `missing`.
-    If the load is None, the approach is prescribed.
+    """Apply the preconditioner to a residual.
+
+    Args:
+        tangent: of the frozen body.
+        smoother: sweeps before and after the elastic solve; None: no sweeps.
+        R: (levels, nx, ny, 3) reaction, in N.
+        missing: load that is missing, in N; None: the approach is prescribed.
+        states: (nx, ny) contact states.
+
+    Returns:
+        z: (levels, nx, ny, 3) preconditioned residual, in m.
+        stiff: the tangent times z, in N.
+        approach: that belongs to z, in m.
     """
-    problem, contact, remaining = (
-        tangent.problem,
-        states == ELASTIC,
-        unbalanced(R, states),
-    )
+    problem = tangent.problem
+    contact = states == ELASTIC
+    remaining = unbalanced(R, states)
     swept = np.empty(0)
-    if sweeps is not None:
-        swept = sweeps.smooth(remaining)
-        sweeps.add_product(-1.0, swept, remaining)
-        problem.without_base(remaining)
+    if smoother is not None:
+        swept = smoother.smooth(remaining)
+        smoother.add_product(-1.0, swept, remaining)
+        problem.clear_base(remaining)
         if missing is not None:
             missing -= float(remaining[0, ..., 2][contact].sum())
         remaining[0, ..., 2][contact] = 0
-    still = np.zeros(states.shape)
+    target = np.zeros(states.shape)
     z, forces, approach = _elastic_solve(
-        problem, remaining, states, still, missing, 1e-6
+        problem, remaining, states, target, missing, 1e-6
     )
     remaining[0, ..., 2] -= forces  # the elastic product of z
     excess = tangent.excess(z, remaining)
     stiff = np.add(remaining, excess, out=remaining)
-    if sweeps is not None:
-        swept -= sweeps.smooth(excess, transposed=True)
-        sweeps.add(swept, z)
-        sweeps.add_product(1.0, swept, stiff)
-        problem.without_base(stiff)
+    if smoother is not None:
+        swept -= smoother.smooth(excess, transposed=True)
+        smoother.add(swept, z)
+        smoother.add_product(1.0, swept, stiff)
+        problem.clear_base(stiff)
     return z, stiff, approach
 
 
@@ -235,91 +284,100 @@ def _solve_on_set(
     control: Control,
     goal: float,
 ) -> int:
-    """Solve on the present contact set, in place, to a residual of `goal` in N; the
-    iterations.
+    """Solve on the present contact set, in place, to a residual of `goal` in N.
+
+    Returns the number of iterations.
     """
-    problem, states, R = tangent.problem, linear.states, linear.reaction
+    problem = tangent.problem
+    states = linear.states
+    R = linear.reaction
     load = control.load
+    offset = control.approach
     if load is not None:
         load -= problem.capped_load(states)
-    offset = 0.0 if load is not None else control.approach
-    target = (
-        problem.heights
-        + offset
-        + state.displacement[0, ..., 2]
-        + linear.step[0, ..., 2]
-    )
-    # R still contains the contact forces, so this solve finds the whole of them again.
+        offset = 0.0
+    upward = state.displacement[0, ..., 2]
+    target = problem.heights + offset + upward + linear.step[0, ..., 2]
+    # R still contains the contact forces: this solve finds all of them again.
     start = np.where(states == ELASTIC, R[0, ..., 2], 0.0)
-    accuracy = max(1e-11, 1e-4 * goal / max(goal, norm(R, problem.workers)))
-    z, forces, d = _elastic_solve(problem, R, states, target, load, accuracy, start)
+    tolerance = max(1e-11, 1e-4 * goal / max(goal, norm(R, problem.workers)))
+    z, forces, shift = _elastic_solve(
+        problem, R, states, target, load, tolerance, start
+    )
     R[0, ..., 2] -= forces  # the elastic product of z
     np.negative(tangent.excess(z, R), out=R)
     R[0, ..., 2] += forces
     linear.step += z
-    del z
-    linear.approach = d + offset
+    del z  # a field, which would stay in memory during the iterations
+    linear.approach = shift + offset
     return 1 + _conjugate_gradients(linear, tangent, control, goal)
 
 
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> int:
-    """Iterate on the levels that flow until the residual is below `goal`; the
-    iterations.
+    """Iterate on the levels that flow, in place, to a residual of `goal` in N.
+
+    Returns the number of iterations.
     """
-    problem, states = tangent.problem, linear.states
-    workers, R = problem.workers, linear.reaction[: tangent.levels]
-    sweeps, step, spent = None, np.zeros_like(R), 0
+    problem = tangent.problem
+    workers = problem.workers
+    states = linear.states
+    R = linear.reaction[: tangent.levels]
+    step = np.zeros_like(R)
+    smoother = None
     p = Kp = np.empty(0)
     p_approach = rho_before = 0.0
-    while spent < 400:
+    iterations = 0
+    while iterations < MAX_ITERATIONS:
         missing = problem.missing_load(R, states, control)
         size = unbalanced_norm(R, states, workers) + abs(missing)
         if size <= goal:
             break
-        if spent == 0 and tangent.smoothed and goal < WORTH_SMOOTHING * size:
-            sweeps = Smoother(tangent.rows, states == ELASTIC, workers)
-        asked = None if control.load is None else missing
-        z, Kz, d = precondition(tangent, sweeps, R, asked, states)
-        rho = (
-            dot(unbalanced(R[:1], states), z[:1])
-            + dot(R[1:], z[1:], workers)
-            + missing * d
-        )
-        if spent == 0:
-            p, Kp, p_approach = z, Kz, d
+        if iterations == 0 and tangent.smoothed and goal < SMOOTHING_GOAL * size:
+            smoother = Smoother(tangent.rows, states == ELASTIC, workers)
+        prescribed = None
+        if control.load is not None:
+            prescribed = missing
+        z, Kz, z_approach = precondition(tangent, smoother, R, prescribed, states)
+        rho = dot(unbalanced(R[:1], states), z[:1])
+        rho += dot(R[1:], z[1:], workers)
+        rho += missing * z_approach
+        if iterations == 0:
+            p, Kp, p_approach = z, Kz, z_approach
         else:
             beta = rho / rho_before
             xpay(p, beta, z, workers)
             xpay(Kp, beta, Kz, workers)
-            p_approach = d + beta * p_approach
+            p_approach = z_approach + beta * p_approach
         alpha = rho / dot(p, Kp, workers)
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
         linear.approach += alpha * p_approach
         rho_before = rho
-        spent += 1
-    if spent:
-        total = linear.step
-        total += (_to_base(problem, step) if len(step) < len(total) else step)[
-            : len(total)
-        ]
-    return spent
+        iterations += 1
+    if iterations:
+        levels = len(linear.step)
+        if len(step) < levels:
+            step = _to_base(problem, step)[:levels]
+        linear.step += step
+    return iterations
 
 
-def _predict_states(
+def _update_states(
     problem: Problem, state: State, linear: LinearSolution, control: Control
 ) -> int:
-    """Give the solution the contact states that it asks for; the number of those that
-    change.
-    """
-    R, states = linear.reaction, linear.states
+    """Give the solution its predicted contact states, and return how many change."""
+    R = linear.reaction
+    states = linear.states
     forces = problem.contact_forces(states, R[0, ..., 2])
-    g = problem.gap(state.displacement[:1] + linear.step[:1], linear.approach)
-    g[states == ELASTIC] = 0
+    gap = problem.gap(state.displacement[:1] + linear.step[:1], linear.approach)
+    gap[states == ELASTIC] = 0
     stiffness = 1.0 / float(problem.factor.surface.min())
-    load = control.load if problem.capped else None
-    new = linear.states = predicted_states(forces, g, problem.cap, stiffness, load)
-    R[0, ..., 2] += problem.capped_forces(states) - problem.capped_forces(new)
-    return int((new != states).sum())
+    load = None
+    if problem.capped:
+        load = control.load
+    new_states = predict_states(forces, gap, problem.cap, stiffness, load)
+    R[0, ..., 2] += problem.capped_forces(states) - problem.capped_forces(new_states)
+    linear.states = new_states
+    return int((new_states != states).sum())

@@ -1,11 +1,10 @@
-"""One load increment: a globalised Newton method whose linearised problem keeps the
-contact exact.
+"""One load increment: a globalised Newton method that keeps the contact exact.
 
 Each iteration freezes the material's consistent tangent and solves the contact problem
-of that linear body (`linearised`).  The step to that solution is taken whole unless the
-energy's slope along it shows that it overshoots.  With the two loops merged into one,
-full steps and the pure tangent, a cold start lets the contact set jump between a few
-nodes and all of them.
+of that linear body (`linearised`).  The full step to that solution is taken unless the
+energy's slope along it shows that it overshoots.  If the two loops were merged, with
+full steps and the pure tangent, the contact set of a cold start would jump between a
+few nodes and all nodes.
 
 Far from the solution the tangent is blended with the elastic stiffness, by a tenth of
 the relative residual, because a fully plastic contact has almost no stiffness.
@@ -28,13 +27,21 @@ from fem_check.problem import Control, Counts, Problem, State
 from fem_check.workers import dot
 
 #: Newton iterations after which an increment is given up.
-MOST_NEWTON = 30
+MAX_ITERATIONS = 30
+#: Times that a Newton step is shortened at most.
+MAX_CUTS = 12
 
 
 @dataclass(frozen=True)
 class SolvedIncrement:
-    """The converged state, which elements (m,) flow, and each iteration's largest
-    residual.
+    """A converged increment.
+
+    Attributes:
+        state: the converged state.
+        flowing: (m,) True for the elements that flow.
+        counts: numbers of iterations.
+        residuals: of the state, by the names of `Problem.residuals`.
+        history: largest residual at the begin and after each Newton iteration.
     """
 
     state: State
@@ -51,47 +58,59 @@ def solve_increment(
     control: Control,
     tolerance: float = 1e-8,
 ) -> SolvedIncrement:
-    """The state at `control`, from `state` on.  Raises NotConverged with every
-    residual.
+    """Solve for the state that a control prescribes.
+
+    Args:
+        problem: the problem.
+        state: first guess.
+        history: of the elements before the increment.
+        control: what is prescribed.
+        tolerance: on the largest residual, dimensionless.
+
+    Raises:
+        NotConverged: after `MAX_ITERATIONS`, or at a residual that is not finite; the
+            error holds the residuals of all iterations.
     """
-    counts, worst = Counts(increments=1), []
+    counts = Counts(increments=1)
+    largest_residuals = []
     internal, flowing = problem.internal_force(state.displacement, history)
     while True:
         R = problem.reaction(state.states, internal)
-        residual = problem.residuals(state, R, control)
-        worst.append(max(residual.values()))
-        if worst[-1] <= tolerance and counts.newton > 0:
+        residuals = problem.residuals(state, R, control)
+        largest = max(residuals.values())
+        largest_residuals.append(largest)
+        if largest <= tolerance and counts.newton > 0:
             counts = replace(counts, most_newton=counts.newton)
-            return SolvedIncrement(state, flowing, counts, residual, tuple(worst))
-        if counts.newton >= MOST_NEWTON or not np.isfinite(worst[-1]):
-            raise NotConverged(
-                f"the load step did not converge in {counts.newton} Newton iterations: relative "
-                f"residual {worst[-1]:.2e} instead of {tolerance:.0e}",
-                residuals=residual,
-                history=worst,
+            return SolvedIncrement(
+                state, flowing, counts, residuals, tuple(largest_residuals)
             )
-        balance = min(1.0, residual["balance"] + residual["load"])
-        forcing = min(
-            0.5, max(min(0.1, balance), 0.1 * tolerance / max(balance, 1e-300))
-        )
+        if counts.newton >= MAX_ITERATIONS or not np.isfinite(largest):
+            raise NotConverged(
+                f"the load step did not converge in {counts.newton} Newton iterations: "
+                f"relative residual {largest:.2e} instead of {tolerance:.0e}",
+                residuals=residuals,
+                history=largest_residuals,
+            )
+        balance = min(1.0, residuals["balance"] + residuals["load"])
+        goal = 0.1 * tolerance / max(balance, 1e-300)
+        forcing = min(0.5, max(min(0.1, balance), goal))
         tangent = _tangent(problem, state, history, flowing, 0.1 * balance)
-        linear, spent = linear_contact(state, R, tangent, control, forcing)
-        held = control.load is not None or linear.approach == state.approach
-        shortened = problem.plastic and balance > 1e-4 and held
-        trial, cuts = _step(
-            problem, state, internal, linear, history, control, shortened
+        linear, linear_counts = linear_contact(state, R, tangent, control, forcing)
+        # While a prescribed approach still moves, the work of the flat is not known.
+        knows_work = control.load is not None or linear.approach == state.approach
+        shorten = problem.plastic and balance > 1e-4 and knows_work
+        trial, cuts = _step(problem, state, internal, linear, history, control, shorten)
+        counts += linear_counts + Counts(newton=1, line_searches=cuts)
+        state = State(
+            trial.displacement,
+            state.approach + trial.fraction * (linear.approach - state.approach),
+            linear.states,
+            problem.contact_forces(linear.states, -trial.force[0, ..., 2]),
         )
-        counts += spent + Counts(newton=1, line_searches=cuts)
-        forces = problem.contact_forces(linear.states, -trial.force[0, ..., 2])
-        approach = state.approach + trial.share * (linear.approach - state.approach)
-        state = State(trial.displacement, approach, linear.states, forces)
-        internal, flowing = trial.force, trial.flowing
-        del (
-            R,
-            tangent,
-            linear,
-            trial,
-        )  # fields, which would stay in memory in the next linear solve
+        internal = trial.force
+        flowing = trial.flowing
+        # Their fields would stay in memory during the next linear solve.
+        del R, tangent, linear, trial
 
 
 def _tangent(
@@ -101,9 +120,10 @@ def _tangent(
     flowing: NDArray[np.bool_],
     blend: float,
 ) -> Tangent:
+    """Return the tangent at a state, blended with the elastic stiffness."""
     if not problem.plastic:
         return Tangent(problem, None, blend)
-    u = problem.turned(state.displacement).reshape(-1, 3)
+    u = problem.physical_displacement(state.displacement).reshape(-1, 3)
     correction = plasticity.tangent_correction(
         u, problem.bricks, problem.law, history, flowing, problem.workers
     )
@@ -111,9 +131,9 @@ def _tangent(
 
 
 class _Trial(NamedTuple):
-    """The displacement, internal force and flow after a `share` of the Newton step."""
+    """What a fraction of the Newton step leads to; force and flow as in `Problem`."""
 
-    share: float
+    fraction: float
     displacement: FloatArray
     force: FloatArray
     flowing: NDArray[np.bool_]
@@ -126,29 +146,38 @@ def _step(
     linear: LinearSolution,
     history: History,
     control: Control,
-    shortened: bool,
+    shorten: bool,
 ) -> tuple[_Trial, int]:
-    """The whole step or, if `shortened`, its part until the energy rises; and how often
-    cut.
+    """Take the full step or, if asked to shorten it, the part until the energy rises.
+
+    Returns the end of the step, and how often it was shortened.
     """
 
-    def after(share: float) -> _Trial:
-        u = state.displacement + share * linear.step
-        return _Trial(share, u, *problem.internal_force(u, history))
+    def trial_at(fraction: float) -> _Trial:
+        u = state.displacement + fraction * linear.step
+        return _Trial(fraction, u, *problem.internal_force(u, history))
 
-    trial, work = after(1.0), (control.load or 0.0) * (linear.approach - state.approach)
-    before = dot(internal, linear.step) - work
-    if not shortened or before >= 0:
+    trial = trial_at(1.0)
+    load = control.load or 0.0
+    work = load * (linear.approach - state.approach)
+    initial_slope = dot(internal, linear.step) - work
+    if not shorten or initial_slope >= 0:
         return trial, 0
-    low, slope_low, high, slope_high = 0.0, before, np.inf, 0.0
-    for cuts in range(12):
+    low = 0.0
+    low_slope = initial_slope
+    high = np.inf
+    high_slope = 0.0
+    for cuts in range(MAX_CUTS):
         slope = dot(trial.force, linear.step) - work
-        if slope <= -0.3 * before and (trial.share == 1.0 or slope >= 0.8 * before):
+        rises_little = slope <= -0.3 * initial_slope
+        if rises_little and (trial.fraction == 1.0 or slope >= 0.8 * initial_slope):
             return trial, cuts
         if slope > 0:
-            high, slope_high = trial.share, slope
+            high = trial.fraction
+            high_slope = slope
         else:
-            low, slope_low = trial.share, slope
-        secant = slope_low / (slope_low - slope_high)
-        trial = after(low + min(max(secant, 0.1), 0.9) * (high - low))
-    return trial, 12
+            low = trial.fraction
+            low_slope = slope
+        secant = low_slope / (low_slope - high_slope)
+        trial = trial_at(low + min(max(secant, 0.1), 0.9) * (high - low))
+    return trial, MAX_CUTS

@@ -24,28 +24,33 @@ Geometry = Literal["gap", "moved", "punch"]
 
 
 def _option(default: Any, description: str, **bounds: float) -> Any:
-    """A field with its meaning and its bounds, by names that pydantic reads, too."""
+    """Return a field with a description and bounds, which pydantic reads from it."""
     return field(default=default, metadata={"description": description, **bounds})
-
-
-_hardening = partial(
-    number, expected="0 or positive, in Pa", accepts=lambda value: 0 <= value < math.inf
-)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FemOptions:
-    """The options of a finite-element solve; the metadata of a field say what it means.
+    """The options of a finite-element solve.
 
-    Laws.  "elastic" is linear elasticity.  "capped" is an elastic body whose nodal
-    pressures do not exceed the hardness, and whose capped nodes keep what they have
-    sunk when the load falls.  "j2" is small-strain plasticity of the solid itself,
-    without any cap on the pressure.
-
-    Geometries.  With "gap" the roughness is the initial gap over a flat block, as small
-    slopes allow.  With "moved" the top nodes are moved to the real heights.  With
-    "punch" the flat block is met by rigid mirrored heights, which press along their
-    normals, without friction.
+    Attributes:
+        law: material law.  "elastic" is linear elasticity.  "capped" is an elastic body
+            whose nodal pressures do not exceed the hardness; its capped nodes keep
+            their plastic displacement when the load falls.  "j2" is small-strain
+            plasticity of the solid itself, without a cap on the pressure.
+        geometry: with "gap" the roughness is the initial gap over a flat block, which
+            is accurate for small slopes.  With "moved" the top nodes are moved to the
+            real heights.  With "punch" a rigid punch with the mirrored heights presses
+            along its normals on the flat block, without friction.
+        depth: of the block, in m; None: the layer's depth, or a depth at which the
+            block replaces a half-space.
+        layers: number of elements over the depth; None: chosen from the depth.
+        first_layer: thickness of the top layer, in m; None: the grid spacing.
+        steps: number of increments of a J2 body to a load beyond all earlier ones.
+        tolerance: on the dimensionless residuals.
+        approach: path of the flat since the first touch, in m, which replaces the mean
+            pressures of the scene; None: the mean pressures.
+        hardening: modulus H of linear isotropic hardening, in Pa.
+        certified: whether scikit-fem's own assembly checks the last state.
 
     Raises:
         InvalidScene: an option is not within its bounds.
@@ -59,7 +64,8 @@ class FemOptions:
     geometry: Geometry = field(
         default="gap",
         metadata={
-            "description": "roughness as gap, as moved top nodes, or as that of a rigid punch"
+            "description": "roughness as gap, as moved top nodes, or as that of a "
+            "rigid punch"
         },
     )
     depth: float | None = _option(None, "m; else chosen from the scene", gt=0)
@@ -67,7 +73,8 @@ class FemOptions:
     first_layer: float | None = _option(
         None, "thickness of the top layer, m; else the spacing", gt=0
     )
-    # With ten, areas are 1 % from those of 160 equal ones at E* xi/sigma_Y of 5 to 100.
+    # With ten increments, areas are within 1 % of those of 160 equal ones at
+    # E* xi/sigma_Y of 5 to 100.
     steps: int = _option(
         10, "increments of a J2 body to a load larger than any yet", ge=1
     )
@@ -81,14 +88,10 @@ class FemOptions:
     )
 
     def __post_init__(self) -> None:
-        for name, kinds in (
-            ("law", get_args(LawName)),
-            ("geometry", get_args(Geometry)),
-        ):
-            if (value := getattr(self, name)) not in kinds:
-                wanted = ", ".join(kinds[:-1]) + f" or {kinds[-1]}"
-                raise InvalidScene(f"{name} is {value!r}, but must be {wanted}")
-        length, count = partial(positive, unit="m"), partial(integer, least=1)
+        _require_one_of("law", self.law, get_args(LawName))
+        _require_one_of("geometry", self.geometry, get_args(Geometry))
+        length = partial(positive, unit="m")
+        count = partial(integer, least=1)
         checks: dict[str, Any] = {
             "depth": length,
             "first_layer": length,
@@ -104,17 +107,32 @@ class FemOptions:
                 set_frozen(self, **{name: check(name, value)})
 
     def require_strengths(self, scene: Scene) -> None:
-        """Raise InvalidScene if the scene's material lacks the strength that the law
-        needs.
-        """
+        """Raise InvalidScene if the material lacks the strength that the law needs."""
         for law, strength in (("j2", "yield_stress"), ("capped", "hardness")):
             if self.law == law and not math.isfinite(getattr(scene.material, strength)):
                 raise InvalidScene(
-                    f"law {law} needs a finite {strength}; give one or take law='elastic'"
+                    f"law {law} needs a finite {strength}; give one or take "
+                    "law='elastic'"
                 )
 
 
-def _approaches(name: str, given: Any) -> tuple[float, ...]:
-    if not (lengths := as_tuple(given)):
+def _require_one_of(name: str, value: Any, choices: Sequence[str]) -> None:
+    """Raise InvalidScene if an option is none of its choices."""
+    if value not in choices:
+        expected = ", ".join(choices[:-1]) + f" or {choices[-1]}"
+        raise InvalidScene(f"{name} is {value!r}, but must be {expected}")
+
+
+def _hardening(name: str, value: Any) -> float:
+    """Return a hardening modulus, or raise InvalidScene."""
+    return number(
+        name, value, "0 or positive, in Pa", lambda modulus: 0 <= modulus < math.inf
+    )
+
+
+def _approaches(name: str, value: Any) -> tuple[float, ...]:
+    """Return approaches as a tuple, or raise InvalidScene."""
+    approaches = as_tuple(value)
+    if not approaches:
         raise InvalidScene(f"{name} is (), but must be at least one length in m")
-    return tuple(positive(name, length, "m") for length in lengths)
+    return tuple(positive(name, approach, "m") for approach in approaches)

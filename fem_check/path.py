@@ -1,10 +1,10 @@
 """The load path: its points, and what the body remembers between them.
 
-J2 flow keeps a history of strains.  A capped body keeps the plastic displacement w = -g
-of the capped nodes: below the largest load so far it meets the flat with the heights h
-- w, on which the same forces at that load leave no gap.  No force falls while the load
-grows, so w is that of the largest load alone, and from there on the path goes as if it
-had never turned back.
+J2 flow leaves a history of strains.  A capped body remembers the plastic displacement
+w = -g of the capped nodes.  Below the largest load so far it meets the flat with the
+heights h - w, on which the same forces at the largest load leave no gap.  No force
+falls while the load grows, so that w is that of the largest load alone; beyond this
+load the path continues as if it had never turned back.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 from epcontact.scene import Scene
 from fem_check import plasticity
 from fem_check.contact import States
-from fem_check.increments import Along, Rule, advance
+from fem_check.increments import PathProgress, Stepping, advance
 from fem_check.options import FemOptions
 from fem_check.plasticity import History
 from fem_check.problem import Counts, Problem, State
@@ -29,13 +29,19 @@ from fem_check.workers import dot
 
 @dataclass(frozen=True)
 class PathPoint:
-    """A converged point of the path.
+    """A converged point of the load path.
 
-    counts: iterations since the point before.  residuals: of the state, by name.  history: the
-    largest residual after each Newton iteration of the last increment.  surface_states: (nx, ny)
-    APART, ELASTIC or PLASTIC in the sense of `result`.  gap: (nx, ny) from the surface before any
-    flow to the flat, in m.  plastic_displacement: (nx, ny) of capped nodes, now or earlier, in m.
-    flow: measures of plastic flow, by name.  peak: the largest force so far, in N.
+    Attributes:
+        mean_pressure: in Pa.
+        state: the converged state.
+        counts: iterations since the point before.
+        residuals: of the state, by the names of `Problem.residuals`.
+        history: largest residual after each Newton iteration of the last increment.
+        surface_states: (nx, ny) APART, ELASTIC or PLASTIC, as in a result's fields.
+        gap: (nx, ny) from the surface before any flow to the flat, in m.
+        plastic_displacement: (nx, ny) depth of nodes that are or were capped, in m.
+        flow: measures of plastic flow, by name, in SI units.
+        peak: largest force so far, in N.
     """
 
     mean_pressure: float
@@ -55,10 +61,14 @@ class SolvedPath:
     """A solved load path: what `solve_path` returns.
 
     Attributes:
-        scene, options, problem: the question, and the finite-element problem made from
-        it. history: of the material at the end of the path. points: one for each mean
-        pressure, or each approach. seconds: wall time. certificate: residuals of
-        scikit-fem's own assembly at the last point, if certified.
+        scene: the scene.
+        options: of the solve.
+        problem: the finite-element problem of the scene.
+        history: of the elements at the end of the path.
+        points: one for each mean pressure or each approach.
+        seconds: wall time.
+        certificate: dimensionless residuals of scikit-fem's own assembly at the last
+            point; empty without the option `certified`.
     """
 
     scene: Scene
@@ -73,126 +83,145 @@ class SolvedPath:
 def path_targets(
     scene: Scene, problem: Problem, options: FemOptions
 ) -> tuple[float, ...]:
-    """Total forces in N or, if they are prescribed, approaches in m since the first
-    touch.
+    """Return the targets of the path.
+
+    They are forces in N, or approaches in m since the first touch if the options give
+    these.
     """
     if options.approach is not None:
         return cast("tuple[float, ...]", options.approach)
-    area = problem.block.node_area * problem.heights.size
-    return tuple(p * area for p in scene.load.path)
+    return tuple(pressure * problem.area for pressure in scene.load.path)
 
 
-def follow_path(
+def solve_points(
     problem: Problem, targets: Sequence[float], options: FemOptions
 ) -> Iterator[tuple[PathPoint, History]]:
-    """Solve point by point, and yield each with the material's history.  Raises
-    NotConverged.
+    """Solve the path, and yield each point with the history of the elements.
+
+    Args:
+        problem: the problem.
+        targets: from `path_targets`.
+        options: of the solve.
+
+    Raises:
+        NotConverged: an increment failed.
     """
-    highest = None if options.approach is None else float(problem.heights.max())
-    rule = Rule(highest, options.steps, options.tolerance)
-    area = problem.block.node_area * problem.heights.size
-    history = plasticity.initial_history(
-        problem.bricks.number if problem.plastic else 0
-    )
-    along = top = Along(history)  # top: where a capped body was pressed most
+    first_touch = None
+    if options.approach is not None:
+        first_touch = float(problem.heights.max())
+    stepping = Stepping(first_touch, options.steps, options.tolerance)
+    elements = 0
+    if problem.plastic:
+        elements = problem.bricks.number
+    progress = PathProgress(plasticity.initial_history(elements))
+    # Of a capped body: the progress and plastic displacement at its largest load.
+    loaded = progress
     lowered = np.zeros_like(problem.heights)
     for target in targets:
-        body = problem
-        if problem.capped and target < top.at:
-            body, along = (
-                replace(problem, heights=problem.heights - lowered),
-                _elastic(along),
-            )
+        if problem.capped and target < loaded.position:
+            body = replace(problem, heights=problem.heights - lowered)
+            start = _without_plastic_nodes(progress)
+            progress = advance(body, start, target, stepping)
         elif problem.capped:
-            along = top
-        along = advance(body, along, target, rule)
-        state = along.states[-1]
-        if problem.capped and body is problem:
-            top, lowered = along, _sunk(problem, state)
-        pressure = (target if highest is None else state.forces.sum()) / area
-        yield _path_point(problem, float(pressure), along, lowered), along.history
+            progress = advance(problem, loaded, target, stepping)
+            loaded = progress
+            lowered = _plastic_displacement(problem, progress.states[-1])
+        else:
+            progress = advance(problem, progress, target, stepping)
+        pressure = target / problem.area
+        if first_touch is not None:
+            pressure = float(progress.states[-1].forces.sum()) / problem.area
+        point = _path_point(problem, pressure, progress, lowered)
+        yield point, progress.history
 
 
-def _elastic(along: Along) -> Along:
-    """The place with elastic contact alone, as on the surface that flow has lowered."""
+def _without_plastic_nodes(progress: PathProgress) -> PathProgress:
+    """Return the progress with elastic contact only, as on a lowered surface."""
+    states = []
+    for state in progress.states:
+        elastic = np.where(state.states == PLASTIC, ELASTIC, state.states)
+        states.append(replace(state, states=elastic))
+    return replace(progress, states=tuple(states))
 
-    eased = (np.where(s.states == PLASTIC, ELASTIC, s.states) for s in along.states)
-    pairs = zip(along.states, eased, strict=True)
-    return replace(along, states=tuple(replace(s, states=each) for s, each in pairs))
 
-
-def _sunk(problem: Problem, state: State) -> FloatArray:
-    """(nx, ny) the depth in m to which the capped nodes have sunk."""
-    between = problem.gap(state.displacement, state.approach)
-    return np.where(state.states == PLASTIC, np.maximum(-between, 0.0), 0.0)
+def _plastic_displacement(problem: Problem, state: State) -> FloatArray:
+    """Return the (nx, ny) depth to which the capped nodes have sunk, in m."""
+    gap = problem.gap(state.displacement, state.approach)
+    return np.where(state.states == PLASTIC, np.maximum(-gap, 0.0), 0.0)
 
 
 def _path_point(
-    problem: Problem, pressure: float, along: Along, lowered: FloatArray
+    problem: Problem, pressure: float, progress: PathProgress, lowered: FloatArray
 ) -> PathPoint:
-    assert along.solved is not None
-    state, history = along.solved.state, along.history
-    states, flow = state.states, {}
+    """Return the point of the path at the present progress."""
+    assert progress.solved is not None
+    state = progress.solved.state
+    states = state.states
+    flow: dict[str, float] = {}
     if problem.plastic:
-        yielded = _yielded_surface(problem, history)
+        yielded = _yielded_surface(problem, progress.history)
         states = np.where((states != APART) & yielded, PLASTIC, states).astype(np.int8)
-        flow = _plastic_flow(problem, state, history)
+        flow = _plastic_flow(problem, state, progress.history)
     if problem.capped:
         mean = float(lowered.mean())
-        work = problem.cap / problem.block.node_area * mean
-        flow = {"mean_plastic_displacement": mean, "plastic_work": work}
-    between = problem.gap(state.displacement, state.approach)
+        hardness = problem.cap / problem.block.node_area
+        flow = {"mean_plastic_displacement": mean, "plastic_work": hardness * mean}
+    gap = problem.gap(state.displacement, state.approach)
     return PathPoint(
         mean_pressure=pressure,
         state=state,
-        counts=along.counts,
-        residuals=along.solved.residuals,
-        history=along.solved.history,
+        counts=progress.counts,
+        residuals=progress.solved.residuals,
+        history=progress.solved.history,
         surface_states=states,
-        gap=np.where(states == APART, between, 0.0 - lowered),
+        gap=np.where(states == APART, gap, 0.0 - lowered),
         plastic_displacement=lowered,
         flow=flow,
-        peak=along.peak,
+        peak=progress.peak,
     )
 
 
 def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
-    """(nx, ny) top nodes that touch an element of the top layer which has flowed."""
-    return nodes_of(
-        history.rows[: problem.heights.size].reshape(problem.block.shape) > 0
-    )
+    """Return (nx, ny) True for the top nodes of an element that has ever flowed."""
+    top_layer = history.rows[: problem.heights.size].reshape(problem.block.shape)
+    return nodes_of(top_layer > 0)
 
 
-def nodes_of(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(nx, ny) top nodes that touch one of some elements (nx, ny) of the top layer."""
-    around = some | np.roll(some, 1, 0)
-    return np.asarray(around | np.roll(around, 1, 1))
+def nodes_of(elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (nx, ny) True for the top nodes of some elements of the top layer.
+
+    Args:
+        elements: (nx, ny) True for these elements.
+    """
+    nodes = elements | np.roll(elements, 1, 0)
+    return np.asarray(nodes | np.roll(nodes, 1, 1))
 
 
 def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str, float]:
-    """Largest strain, share of the volume and depth (m) of the plastic zone; energies
-    in J/m^2: stored in the block, a half-space's compression included, and spent,
-    sigma_Y a + H a^2/2 with the accumulated plastic strain a, which is exact for linear
-    hardening.
+    """Return measures of the plastic flow of a J2 body.
+
+    They are the largest accumulated plastic strain, the fraction of the volume that has
+    flowed, the depth of the plastic zone in m, the elastic energy stored in the block
+    in J/m^2 (with the uniform compression of a half-space's block), and the plastic
+    work in J/m^2.
     """
-    block, bricks, law = problem.block, problem.bricks, problem.law
+    block = problem.block
+    bricks = problem.bricks
     flowed = np.flatnonzero(history.rows)
-    a, weights = (
-        history.accumulated[history.rows[flowed]],
-        bricks.weights[bricks.shape_of[flowed]],
-    )
-    last = int(flowed.max(initial=-1)) // problem.heights.size  # the layer; -1: none
-    volume = float(np.bincount(bricks.shape_of) @ bricks.weights.sum(axis=1))
+    strain = history.accumulated[history.rows[flowed]]
+    weights = bricks.weights[bricks.shape_of[flowed]]
+    deepest_layer = int(flowed.max(initial=-1)) // problem.heights.size  # -1: no flow
+    volumes = bricks.weights.sum(axis=1)
+    total_volume = float(np.bincount(bricks.shape_of) @ volumes)
     stored = 0.0
     for layer in range(len(block.layers)):
-        stress, some = problem.layer_stresses(state, history, layer)
-        stored += plasticity.stored_energy(stress, some, law)
-    area = block.node_area * problem.heights.size
+        stress, layer_bricks = problem.layer_stresses(state, history, layer)
+        stored += plasticity.stored_energy(stress, layer_bricks, problem.law)
+    work = plasticity.plastic_work_density(strain, problem.law)
     return {
-        "largest_plastic_strain": float(a.max(initial=0.0)),
-        "plastic_volume": float(weights[a > 0].sum()) / volume,
-        "plastic_depth": -float(block.levels[last + 1]),
-        "stored_energy": stored / area,
-        "plastic_work": dot(weights, law.yield_stress * a + law.hardening * a**2 / 2)
-        / area,
+        "largest_plastic_strain": float(strain.max(initial=0.0)),
+        "plastic_volume": float(weights[strain > 0].sum()) / total_volume,
+        "plastic_depth": -float(block.levels[deepest_layer + 1]),
+        "stored_energy": stored / problem.area,
+        "plastic_work": dot(weights, work) / problem.area,
     }

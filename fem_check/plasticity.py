@@ -1,25 +1,38 @@
-"""Small-strain J2 plasticity with radial return, point by point and over all elements.
+"""Small-strain J2 plasticity with radial return, at a point and over all elements.
 
-Stress and strain: tensor components xx, yy, zz, xy, yz, zx.  With the shear modulus mu,
-the bulk modulus K, the yield stress sigma_Y, the modulus H of linear isotropic
-hardening, a strain e, its plastic part e_p and the accumulated plastic strain a:
+Stress and strain have the tensor components xx, yy, zz, xy, yz, zx.  With the shear
+modulus mu, the bulk modulus K, the yield stress sigma_Y, the modulus H of linear
+isotropic hardening, a strain e, its plastic part e_p and the accumulated plastic strain
+a, radial return is
 
-    s_trial = 2 mu (dev e - e_p),   R = sqrt(2/3) (sigma_Y + H a)
-    over    = max(|s_trial| - R, 0) / (1 + H/(3 mu))            (= 2 mu times the multiplier)
-    n = s_trial/|s_trial|,   s = s_trial - over n,   p = K tr e
-    e_p <- e_p + over/(2 mu) n,   a <- a + sqrt(2/3) over/(2 mu)
+    s_trial = 2 mu (dev e - e_p)
+    R = sqrt(2/3) (sigma_Y + H a)
+    excess = max(|s_trial| - R, 0) / (1 + H/(3 mu))  (2 mu times the multiplier)
+    n = s_trial/|s_trial|
+    s = s_trial - excess n
+    p = K tr e
+    e_p <- e_p + excess/(2 mu) n
+    a <- a + sqrt(2/3) excess/(2 mu)
 
-(Simo and Hughes, Computational Inelasticity, box 3.1), with the consistent tangent
+(Simo and Hughes, Computational Inelasticity, box 3.1).  The consistent tangent is
 
-    C = K I (x) I + 2 mu theta I_dev - 2 mu theta_bar n (x) n,
-    theta = 1 - over/|s_trial|,   theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)     (box 3.2).
+    C = K I (x) I + 2 mu theta I_dev - 2 mu theta_bar n (x) n
+    theta = 1 - excess/|s_trial|
+    theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)
 
-Only elements that have flowed have a history (e_p, a): they are few, and it is large.
-Two compiled loops work on LANES elements at a time (`lanes`): `_stress_update` finds
-Hooke's stresses, and returns those of the elements that have flowed or would flow to
-the yield surface; `_add_correction` multiplies by the consistent tangent less the
-elastic stiffness.
+(box 3.2).  Another hardening law changes `J2Law`, `j2_law`, `_yield_radius`,
+`_plastic_excess` and `plastic_work_density` here, an option in `options` and the call
+of `j2_law` in `driver`.
+
+Only elements that have flowed have a history (e_p, a): they are few, and a history is
+large.  Two compiled loops work on LANES elements at a time (`lanes`).  `_stress_update`
+computes Hooke's stresses and returns those that violate the yield condition to the
+yield surface.  `_add_correction` multiplies by the consistent tangent less the elastic
+stiffness.
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -32,56 +45,120 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
-from fem_check import element
-from fem_check.element import Elements, layers_apart
-from fem_check.lanes import LANES, compiled, forces, gather, scatter, strains, workspace
-from fem_check.workers import ALONE, Workers
+from fem_check.element import (
+    Elements,
+    deviatoric_stiffness,
+    disjoint_layers,
+    elastic_stiffness,
+)
+from fem_check.lanes import (
+    LANES,
+    compiled,
+    forces,
+    gather,
+    inlined,
+    scatter,
+    strains,
+    workspace,
+)
+from fem_check.workers import SERIAL, Workers
 
+#: sqrt(2/3): |dev s| of a uniaxial stress of 1.
 _ROOT = sqrt(2.0 / 3.0)
 
 
-class Law(NamedTuple):
-    """mu = shear, K = bulk, sigma_Y = yield_stress, H = hardening; all in Pa."""
+class J2Law(NamedTuple):
+    """The moduli and the yield stress of a J2 material; see the module's docstring.
 
-    shear: float
-    bulk: float
+    Attributes:
+        shear_modulus: mu, in Pa.
+        bulk_modulus: K, in Pa.
+        yield_stress: sigma_Y in uniaxial tension, in Pa; infinite for an elastic body.
+        hardening_modulus: H, the slope of the yield stress over the accumulated plastic
+            strain, in Pa.
+    """
+
+    shear_modulus: float
+    bulk_modulus: float
     yield_stress: float
-    hardening: float = 0.0
+    hardening_modulus: float = 0.0
 
 
-def law(
+def j2_law(
     young_modulus: float,
     poisson_ratio: float,
     yield_stress: float,
-    hardening: float = 0.0,
-) -> Law:
-    """The law of a material: Figure 1 of the paper where the hardening is 0."""
-    E, nu = young_modulus, poisson_ratio
-    return Law(
-        E / (2 * (1 + nu)),
-        E / (3 * (1 - 2 * nu)),
-        float(yield_stress),
-        float(hardening),
+    hardening_modulus: float = 0.0,
+) -> J2Law:
+    """Return the law of a material.
+
+    Args:
+        young_modulus: in Pa.
+        poisson_ratio: below 0.5.
+        yield_stress: in uniaxial tension, in Pa.
+        hardening_modulus: in Pa; 0 is perfect plasticity, which the paper assumes
+            (its figure 1).
+    """
+    return J2Law(
+        shear_modulus=young_modulus / (2 * (1 + poisson_ratio)),
+        bulk_modulus=young_modulus / (3 * (1 - 2 * poisson_ratio)),
+        yield_stress=float(yield_stress),
+        hardening_modulus=float(hardening_modulus),
     )
 
 
-def layer_stiffness(bricks: Elements, law: Law) -> tuple[FloatArray, FloatArray]:
-    """The elastic (layers, 24 x 24) and deviatoric (layers, 8, 24 x 24) stiffness of
-    elements.
+@inlined
+def _yield_radius(accumulated, law):
+    """Return R, the largest |dev s| in Pa after an accumulated plastic strain."""
+    _, _, yield_stress, hardening_modulus = law
+    return _ROOT * (yield_stress + hardening_modulus * accumulated)
+
+
+@inlined
+def _plastic_excess(norm, radius, law):
+    """Return `excess` in Pa of a trial stress beyond the radius, and 1/(1 + H/(3 mu)).
+
+    The second value enters theta_bar.
     """
-    layers = range(len(bricks.weights))
-    elastic = [
-        element.elastic_stiffness(bricks, k, law.shear, law.bulk) for k in layers
-    ]
-    deviatoric = [element.deviatoric_stiffness(bricks, k) for k in layers]
+    shear_modulus, _, _, hardening_modulus = law
+    resistance = 1 + hardening_modulus / (3 * shear_modulus)
+    return (norm - radius) / resistance, 1 / resistance
+
+
+def plastic_work_density(accumulated: FloatArray, law: J2Law) -> FloatArray:
+    """Return the plastic work per volume in J/m^3 after accumulated plastic strains.
+
+    sigma_Y a + H a^2/2 is exact for linear hardening.
+    """
+    return law.yield_stress * accumulated + law.hardening_modulus * accumulated**2 / 2
+
+
+def layer_stiffness(bricks: Elements, law: J2Law) -> tuple[FloatArray, FloatArray]:
+    """Return the element stiffness of each shape, row by row.
+
+    Args:
+        bricks: the elements, whose shapes are layers in a flat block.
+        law: of which the elastic moduli count.
+
+    Returns:
+        elastic: (shapes, 24 * 24) stiffness, in N/m.
+        deviatoric: (shapes, 8, 24 * 24) `deviatoric_stiffness` at each Gauss point, m.
+    """
+    moduli = law.shear_modulus, law.bulk_modulus
+    shapes = range(len(bricks.weights))
+    elastic = [elastic_stiffness(bricks, shape, *moduli) for shape in shapes]
+    deviatoric = [deviatoric_stiffness(bricks, shape) for shape in shapes]
     return np.reshape(elastic, (-1, 576)), np.reshape(deviatoric, (-1, 8, 576))
 
 
 class History(NamedTuple):
-    """The history variables of m elements, of which k have flowed.
+    """The plastic strains of m elements, k of which have flowed.
 
-    rows: (m,) each element's index in plastic_strain (k + 1, 6, 8) and accumulated (k +
-    1, 8), whose first row, of zeros, is that of all elements that have never flowed.
+    Attributes:
+        rows: (m,) index of each element in the two arrays below; 0 for all elements
+            that have never flowed.
+        plastic_strain: (k + 1, 6, 8) e_p at the Gauss points; row 0 is zero.
+        accumulated: (k + 1, 8) accumulated plastic strain a; row 0 is zero.
     """
 
     rows: NDArray[np.int32]
@@ -90,260 +167,327 @@ class History(NamedTuple):
 
 
 class TangentCorrection(NamedTuple):
-    """The consistent tangent less the elastic stiffness, in the elements `which` flow.
+    """The consistent tangent less the elastic stiffness, in the elements that flow.
 
-    terms: (k, 8, 8), the six components of n, 2 mu (1 - theta) and 2 mu theta_bar, by
-        Gauss point.
+    Attributes:
+        elements: (k,) numbers of these elements.
+        terms: (k, 8, 8) by Gauss point (last index): the six components of n, then
+            2 mu (1 - theta) and 2 mu theta_bar in Pa.
     """
 
-    which: NDArray[np.int64]
+    elements: NDArray[np.int64]
     terms: FloatArray
 
 
 def initial_history(count: int) -> History:
-    """The history of `count` elements that have never yielded."""
+    """Return the history of `count` elements that have never flowed."""
     return History(np.zeros(count, np.int32), np.zeros((1, 6, 8)), np.zeros((1, 8)))
 
 
 @compiled
-def _elastic_stress(e, dilatation, law, worst):  # type: ignore[no-untyped-def]
-    """Turns local strains into Hooke's stresses; `worst` is each element's largest |dev
-    s|^2.
+def _elastic_stress(e, dilatation, law, largest):
+    """Turn local strains e into Hooke's stresses, in place.
+
+    `largest` (LANES,) receives the largest |dev s|^2 of each element, in Pa^2.
     """
-    G, p, L = law[0], np.empty(LANES), LANES
+    shear_modulus, bulk_modulus, _, _ = law
+    G2 = 2 * shear_modulus
+    L = LANES
+    pressure = np.empty(L)
     for n in range(L):
-        p[n] = law[1] * dilatation[n]
-        worst[n] = 0.0
+        pressure[n] = bulk_modulus * dilatation[n]
+        largest[n] = 0.0
     for q in range(0, 8 * L, L):
         for n in range(q, q + L):
-            xx, yy, zz = e[n], e[n + 8 * L], e[n + 16 * L]
-            m = (xx + yy + zz) / 3
-            xx, yy, zz = 2 * G * (xx - m), 2 * G * (yy - m), 2 * G * (zz - m)
-            xy, yz, zx = (
-                2 * G * e[n + 24 * L],
-                2 * G * e[n + 32 * L],
-                2 * G * e[n + 40 * L],
-            )
-            norm = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + yz * yz + zx * zx)
-            worst[n - q] = max(worst[n - q], norm)
-            e[n], e[n + 8 * L], e[n + 16 * L] = (
-                xx + p[n - q],
-                yy + p[n - q],
-                zz + p[n - q],
-            )
-            e[n + 24 * L], e[n + 32 * L], e[n + 40 * L] = xy, yz, zx
+            xx = e[n]
+            yy = e[n + 8 * L]
+            zz = e[n + 16 * L]
+            mean = (xx + yy + zz) / 3
+            xx = G2 * (xx - mean)
+            yy = G2 * (yy - mean)
+            zz = G2 * (zz - mean)
+            xy = G2 * e[n + 24 * L]
+            yz = G2 * e[n + 32 * L]
+            zx = G2 * e[n + 40 * L]
+            squared = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + yz * yz + zx * zx)
+            largest[n - q] = max(largest[n - q], squared)
+            e[n] = xx + pressure[n - q]
+            e[n + 8 * L] = yy + pressure[n - q]
+            e[n + 16 * L] = zz + pressure[n - q]
+            e[n + 24 * L] = xy
+            e[n + 32 * L] = yz
+            e[n + 40 * L] = zx
 
 
 @compiled
-def _trial(s, at, p, history, row, q, law):  # type: ignore[no-untyped-def]
-    """Trial deviatoric stress, its norm (1 where the point does not flow), and
-    `over`.
+def _trial_stress(s, at, p, history, row, q, law):
+    """Return what radial return needs at Gauss point q.
+
+    `at` is the index in s of the point's Hooke stress, whose mean is p.
+
+    Returns the deviatoric trial stress, its norm (1 if the point does not flow), the
+    excess, and the second value of `_plastic_excess` (both 0 if it does not flow).
     """
-    G2, L, ep = 2 * law[0], 8 * LANES, history.plastic_strain
-    xx = s[at] - p - G2 * ep[row, 0, q]
-    yy = s[at + L] - p - G2 * ep[row, 1, q]
-    zz = s[at + 2 * L] - p - G2 * ep[row, 2, q]
-    xy = s[at + 3 * L] - G2 * ep[row, 3, q]
-    yz = s[at + 4 * L] - G2 * ep[row, 4, q]
-    zx = s[at + 5 * L] - G2 * ep[row, 5, q]
+    G2 = 2 * law.shear_modulus
+    L = 8 * LANES
+    plastic = history.plastic_strain
+    xx = s[at] - p - G2 * plastic[row, 0, q]
+    yy = s[at + L] - p - G2 * plastic[row, 1, q]
+    zz = s[at + 2 * L] - p - G2 * plastic[row, 2, q]
+    xy = s[at + 3 * L] - G2 * plastic[row, 3, q]
+    yz = s[at + 4 * L] - G2 * plastic[row, 4, q]
+    zx = s[at + 5 * L] - G2 * plastic[row, 5, q]
     squared = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + yz * yz + zx * zx)
-    radius = _ROOT * (law[2] + law[3] * history.accumulated[row, q])
-    norm, over = 1.0, 0.0
+    radius = _yield_radius(history.accumulated[row, q], law)
+    norm = 1.0
+    excess = 0.0
+    plastic_fraction = 0.0
     if squared > radius * radius:
         norm = sqrt(squared)
-        over = (norm - radius) / (1 + law[3] / (3 * law[0]))
-    return (xx, yy, zz, xy, yz, zx), norm, over
+        excess, plastic_fraction = _plastic_excess(norm, radius, law)
+    return (xx, yy, zz, xy, yz, zx), norm, excess, plastic_fraction
 
 
 @compiled
-def _return(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
-    s, n, p, history, row, law, updated, terms, k
-):
-    """Returns the stresses of lane n to the yield surface; True if a point flows.
-    `updated` is the history to move on, and terms[k] are those of the correction, or
-    they are None.
+def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # noqa: PLR0913, PLR0917
+    """Return the stresses of lane n to the yield surface, in place.
+
+    p: mean stress in Pa.  row: of the element in the history.  updated: the history
+    that receives the increment of plastic strain, or None.  terms: those of a
+    `TangentCorrection`, whose entry k is written, or None.
+
+    Returns True if a Gauss point flows.
     """
+    G2 = 2 * law.shear_modulus
     flows = False
     for q in range(8):
         at = q * LANES + n
-        t, norm, over = _trial(s, at, p, history, row, q, law)
-        loss = over / norm  # 1 - theta
-        flows = flows or over > 0
-        for i in range(6):
-            s[at + 8 * LANES * i] = (1 - loss) * t[i] + (p if i < 3 else 0.0)
-        if updated is not None and over > 0:
+        trial, norm, excess, plastic_fraction = _trial_stress(
+            s, at, p, history, row, q, law
+        )
+        flows = flows or excess > 0
+        reduction = excess / norm  # 1 - theta
+        for i in range(3):
+            s[at + 8 * LANES * i] = (1 - reduction) * trial[i] + p
+        for i in range(3, 6):
+            s[at + 8 * LANES * i] = (1 - reduction) * trial[i]
+        if updated is not None and excess > 0:
             for i in range(6):
-                updated.plastic_strain[row, i, q] += loss / (2 * law[0]) * t[i]
-            updated.accumulated[row, q] += _ROOT * over / (2 * law[0])
+                updated.plastic_strain[row, i, q] += reduction / G2 * trial[i]
+            updated.accumulated[row, q] += _ROOT * excess / G2
         if terms is not None:
             for i in range(6):
-                terms[k, i, q] = t[i] / norm
-            terms[k, 6, q] = 2 * law[0] * loss
-            still = 1 / (1 + law[3] / (3 * law[0])) if over > 0 else 0.0
-            terms[k, 7, q] = 2 * law[0] * (still - loss)
+                terms[k, i, q] = trial[i] / norm
+            terms[k, 6, q] = G2 * reduction
+            terms[k, 7, q] = G2 * (plastic_fraction - reduction)
     return flows
 
 
 @compiled
-def _stress_update(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one law
-    u, bricks, law, history, which, nodal, stress, updated, terms, ranges
+def _stress_update(  # noqa: PLR0913, PLR0917
+    u, bricks, law, history, selected, nodal, stress, updated, terms, ranges
 ):
-    """Radial return of all elements, or of `which`; without a history the law is
-    elastic.  Each of the outputs may be None, and is then left out of the compiled
-    loop: nodal = (force, flowing), where the internal force is added to `force`; stress
-    (m, 6, 8); updated; terms.
+    """Compute stresses at displacements u by radial return, and what follows from them.
+
+    history: of all elements; None: the law is elastic.  selected: numbers of the
+    elements that are meant; None: all.  ranges: (r, 2) of indices into them.
+
+    An output may be None; numba then leaves it out.  nodal: (force, flowing), to which
+    the internal force (nodes, 3) and the elements that flow (m,) are written.  stress:
+    (m, 6, 8).  updated and terms: as in `_return_to_yield_surface`.
     """
-    ue, d, s, fe = workspace()
-    dilatation, worst, shapes = (
-        np.empty(LANES),
-        np.empty(LANES),
-        np.empty(LANES, np.int32),
-    )
-    limit = (_ROOT * law[2]) ** 2
+    ue, shapes, derivatives, s, dilatation, fe = workspace()
+    largest = np.empty(LANES)
+    limit = _yield_radius(0.0, law) ** 2
     for r in range(ranges.shape[0]):
         stop = ranges[r, 1]
         for first in range(ranges[r, 0], stop, LANES):
-            gather(u, bricks, which, first, stop, ue, shapes)
-            strains(bricks.sides, bricks, shapes, ue, d, s, dilatation)
-            _elastic_stress(s, dilatation, law, worst)
+            gather(u, bricks, selected, first, stop, ue, shapes)
+            strains(bricks.sides, bricks, shapes, ue, derivatives, s, dilatation)
+            _elastic_stress(s, dilatation, law, largest)
             for n in range(min(LANES, stop - first)):
                 k = first + n
-                e = k if which is None else which[k]
+                element = k
+                if selected is not None:
+                    element = selected[k]
                 if history is not None:
-                    row, flows = history.rows[e], False
-                    if which is not None or row > 0 or worst[n] > limit:
-                        p = law[1] * dilatation[n]
-                        flows = _return(s, n, p, history, row, law, updated, terms, k)
+                    row = history.rows[element]
+                    flows = False
+                    # Most elements have never flowed and stay below the yield stress.
+                    if selected is not None or row > 0 or largest[n] > limit:
+                        p = law.bulk_modulus * dilatation[n]
+                        flows = _return_to_yield_surface(
+                            s, n, p, history, row, law, updated, terms, k
+                        )
                     if nodal is not None:
-                        nodal[1][e] = flows
+                        nodal[1][element] = flows
                 if stress is not None:
                     for i in range(6):
                         for q in range(8):
-                            stress[e, i, q] = s[(8 * i + q) * LANES + n]
+                            stress[element, i, q] = s[(8 * i + q) * LANES + n]
             if nodal is not None:
                 forces(bricks.sides, bricks, shapes, s, fe)
-                scatter(fe, bricks, which, first, stop, nodal[0])
+                scatter(fe, bricks, selected, first, stop, nodal[0])
 
 
 @compiled
-def _correct(e, n, terms, k, scale):  # type: ignore[no-untyped-def]
-    """Turns the strains of lane n into `scale` times the correction of the stresses."""
+def _correct(e, n, terms, k, scale):
+    """Turn the strains of lane n into `scale` times the correction of the stresses.
+
+    The correction is -2 mu (1 - theta) dev e - 2 mu theta_bar (n : e) n.
+    """
     L = 8 * LANES
     for at in range(n, L, LANES):
         q = at // LANES
-        xx, yy, zz = e[at], e[at + L], e[at + 2 * L]
-        xy, yz, zx = e[at + 3 * L], e[at + 4 * L], e[at + 5 * L]
-        m, t = (xx + yy + zz) / 3, terms[k, :6, q]
+        xx = e[at]
+        yy = e[at + L]
+        zz = e[at + 2 * L]
+        xy = e[at + 3 * L]
+        yz = e[at + 4 * L]
+        zx = e[at + 5 * L]
+        mean = (xx + yy + zz) / 3
+        t = terms[k, :6, q]
         along = (
             t[0] * xx + t[1] * yy + t[2] * zz + 2 * (t[3] * xy + t[4] * yz + t[5] * zx)
         )
-        a, b = -scale * terms[k, 6, q], -scale * terms[k, 7, q] * along
-        e[at], e[at + L] = a * (xx - m) + b * t[0], a * (yy - m) + b * t[1]
-        e[at + 2 * L], e[at + 3 * L] = a * (zz - m) + b * t[2], a * xy + b * t[3]
-        e[at + 4 * L], e[at + 5 * L] = a * yz + b * t[4], a * zx + b * t[5]
+        a = -scale * terms[k, 6, q]
+        b = -scale * terms[k, 7, q] * along
+        e[at] = a * (xx - mean) + b * t[0]
+        e[at + L] = a * (yy - mean) + b * t[1]
+        e[at + 2 * L] = a * (zz - mean) + b * t[2]
+        e[at + 3 * L] = a * xy + b * t[3]
+        e[at + 4 * L] = a * yz + b * t[4]
+        e[at + 5 * L] = a * zx + b * t[5]
 
 
 @compiled
-def _add_correction(v, bricks, correction, scale, f, ranges):  # type: ignore[no-untyped-def]
-    ue, d, s, fe = workspace()
-    dilatation, shapes = np.empty(LANES), np.empty(LANES, np.int32)
-    which, terms = correction
+def _add_correction(v, bricks, correction, scale, f, ranges):
+    """Add `scale` times the correction times v to f; ranges as in `_stress_update`."""
+    ue, shapes, derivatives, s, dilatation, fe = workspace()
+    selected, terms = correction
     for r in range(ranges.shape[0]):
         stop = ranges[r, 1]
         for first in range(ranges[r, 0], stop, LANES):
-            gather(v, bricks, which, first, stop, ue, shapes)
-            strains(bricks.sides, bricks, shapes, ue, d, s, dilatation)
+            gather(v, bricks, selected, first, stop, ue, shapes)
+            strains(bricks.sides, bricks, shapes, ue, derivatives, s, dilatation)
             for n in range(min(LANES, stop - first)):
                 _correct(s, n, terms, first + n, scale)
             forces(bricks.sides, bricks, shapes, s, fe)
-            scatter(fe, bricks, which, first, stop, f)
+            scatter(fe, bricks, selected, first, stop, f)
 
 
 def internal_force(
     u: FloatArray,
     bricks: Elements,
-    law: Law,
+    law: J2Law,
     history: History | None,
-    workers: Workers = ALONE,
+    workers: Workers = SERIAL,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """The internal force (nodes, 3) of `u` after a history, if any, and which elements
-    flow.
+    """Return the internal force and the elements that flow.
+
+    Args:
+        u: (nodes, 3) displacements, in m.
+        bricks: the elements.
+        law: of the material.
+        history: of the elements before this increment; None: the law is elastic.
+        workers: threads that share the work.
+
+    Returns:
+        force: (nodes, 3) integrals of the stresses times the gradients of the basis
+            functions, in N.
+        flowing: (m,) True for the elements with a Gauss point that flows.
     """
     nodal = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
     task = partial(
         _stress_update, u, bricks, law, history, None, nodal, None, None, None
     )
-    _share(task, bricks, None, workers)
+    _run_by_layers(task, bricks, None, workers)
     return nodal
 
 
 def stresses(
-    u: FloatArray, bricks: Elements, law: Law, history: History | None
+    u: FloatArray, bricks: Elements, law: J2Law, history: History | None
 ) -> FloatArray:
-    """(m, 6, 8) stresses at the Gauss points in Pa; arguments as for
-    `internal_force`.
+    """Return (m, 6, 8) stresses at the Gauss points, in Pa.
+
+    Arguments are those of `internal_force`.
     """
     stress = np.empty((bricks.number, 6, 8))
     task = partial(
         _stress_update, u, bricks, law, history, None, None, stress, None, None
     )
-    _share(task, bricks, None, ALONE)
+    _run_by_layers(task, bricks, None, SERIAL)
     return stress
 
 
-def stored_energy(stress: FloatArray, bricks: Elements, law: Law) -> float:
-    """The integral of |s|^2/(4 mu) + p^2/(2 K), in J, of (m, 6, 8) stresses."""
+def stored_energy(stress: FloatArray, bricks: Elements, law: J2Law) -> float:
+    """Return the integral of |dev s|^2/(4 mu) + p^2/(2 K), in J.
+
+    Args:
+        stress: (m, 6, 8) at the Gauss points, in Pa.
+        bricks: the m elements.
+        law: of which the elastic moduli count.
+    """
     p = stress[:, :3].mean(axis=1)
-    normal, shears = stress[:, :3] - p[:, None], stress[:, 3:]
+    normal = stress[:, :3] - p[:, None]
+    shears = stress[:, 3:]
     squared = (normal**2).sum(axis=1) + 2 * (shears**2).sum(axis=1)
-    density = squared / (4 * law.shear) + p**2 / (2 * law.bulk)
+    density = squared / (4 * law.shear_modulus) + p**2 / (2 * law.bulk_modulus)
     return float((bricks.weights[bricks.shape_of] * density).sum())
 
 
 def commit(
     u: FloatArray,
     bricks: Elements,
-    law: Law,
+    law: J2Law,
     history: History,
     flowing: NDArray[np.bool_],
 ) -> History:
-    """The history after an increment to `u`, where the elements flow that
-    `internal_force` says.
+    """Return the history after a converged increment; the old one stays as it was.
+
+    Args:
+        u: (nodes, 3) converged displacements, in m.
+        bricks: the elements.
+        law: of the material.
+        history: of the elements before the increment.
+        flowing: (m,) elements that flow, from `internal_force` at u.
     """
-    which, count = np.flatnonzero(flowing), len(history.accumulated)
-    new = which[history.rows[which] == 0]
+    selected = np.flatnonzero(flowing)
+    new = selected[history.rows[selected] == 0]
+    count = len(history.accumulated)
     rows = history.rows.copy()
     rows[new] = np.arange(count, count + new.size)
-    longer = History(
+    updated = History(
         rows,
         np.concatenate([history.plastic_strain, np.zeros((new.size, 6, 8))]),
         np.concatenate([history.accumulated, np.zeros((new.size, 8))]),
     )
     task = partial(
-        _stress_update, u, bricks, law, longer, which, None, None, longer, None
+        _stress_update, u, bricks, law, updated, selected, None, None, updated, None
     )
-    _share(task, bricks, which, ALONE)
-    return longer
+    _run_by_layers(task, bricks, selected, SERIAL)
+    return updated
 
 
 def tangent_correction(
     u: FloatArray,
     bricks: Elements,
-    law: Law,
+    law: J2Law,
     history: History,
     flowing: NDArray[np.bool_],
-    workers: Workers = ALONE,
+    workers: Workers = SERIAL,
 ) -> TangentCorrection:
-    """The consistent tangent less the elastic one at `u`; `flowing` as from
-    `internal_force`.
+    """Return the consistent tangent less the elastic stiffness at u.
+
+    Arguments are those of `commit`, and threads that share the work.
     """
-    which = np.flatnonzero(flowing)
-    terms = np.empty((which.size, 8, 8))
+    selected = np.flatnonzero(flowing)
+    terms = np.empty((selected.size, 8, 8))
     task = partial(
-        _stress_update, u, bricks, law, history, which, None, None, None, terms
+        _stress_update, u, bricks, law, history, selected, None, None, None, terms
     )
-    _share(task, bricks, which, workers)
-    return TangentCorrection(which, terms)
+    _run_by_layers(task, bricks, selected, workers)
+    return TangentCorrection(selected, terms)
 
 
 def add_correction(
@@ -351,24 +495,32 @@ def add_correction(
     bricks: Elements,
     correction: TangentCorrection,
     scale: float,
-    out: FloatArray,
-    workers: Workers = ALONE,
+    force: FloatArray,
+    workers: Workers = SERIAL,
 ) -> None:
-    """Add `scale` (tangent - elastic stiffness) v to `out`, in place; both are (nodes,
-    3).
+    """Add `scale` (tangent - elastic stiffness) v to the force, in place.
+
+    Args:
+        v: (nodes, 3) displacements, in m.
+        bricks: the elements.
+        correction: from `tangent_correction`.
+        scale: dimensionless.
+        force: (nodes, 3), in N.
+        workers: threads that share the work.
     """
-    task = partial(_add_correction, v, bricks, correction, scale, out)
-    _share(task, bricks, correction.which, workers)
+    task = partial(_add_correction, v, bricks, correction, scale, force)
+    _run_by_layers(task, bricks, correction.elements, workers)
 
 
-def _share(
+def _run_by_layers(
     task: Callable[[NDArray[np.int64]], Any],
     bricks: Elements,
-    which: NDArray[np.int64] | None,
+    selected: NDArray[np.int64] | None,
     workers: Workers,
 ) -> None:
-    """Call `task` with the layers of all elements or of `which`, half of the layers at
-    a time.
+    """Call `task` for all elements or the selected ones, half of the layers at a time.
+
+    Threads then never add to the same node.
     """
-    for layers in layers_apart(bricks, which):
-        workers.share(task, layers)
+    for layers in disjoint_layers(bricks, selected):
+        workers.run(task, layers)

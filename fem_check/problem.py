@@ -1,10 +1,11 @@
-"""The finite-element contact problem: its data, its unknowns, and the residuals of a
-state.
+"""The finite-element contact problem: its data, its unknowns, and its residuals.
 
-A contact force F presses down, so the body feels -F.  The *reaction* is R = -(internal
-force)
-- (forces of the capped nodes): on the contact nodes of a solution it equals the contact
-  force, and everywhere else it vanishes.
+A contact force F presses down, so that the body feels -F.  The *reaction* is
+
+    R = -(internal force) - (forces of the capped nodes).
+
+In a solution it equals the contact force on the elastic contact nodes, and vanishes
+everywhere else.
 """
 
 from __future__ import annotations
@@ -22,14 +23,18 @@ from fem_check.contact import States
 from fem_check.element import Elements
 from fem_check.linear_solver import Factor
 from fem_check.mesh import PeriodicBlock
-from fem_check.plasticity import History, Law
-from fem_check.workers import ALONE, Workers, norm
+from fem_check.plasticity import History, J2Law
+from fem_check.workers import SERIAL, Workers, norm
 
 
 @dataclass(frozen=True)
 class Control:
-    """The prescribed total force or else approach, and the path's largest force so far,
-    in N.
+    """What an increment prescribes.
+
+    Attributes:
+        load: total force, in N; None: the approach is prescribed.
+        approach: of the flat in m, if no load is prescribed.
+        scale: largest force of the path so far, in N, which normalises residuals.
     """
 
     load: float | None = None
@@ -39,8 +44,14 @@ class Control:
 
 @dataclass(frozen=True)
 class State:
-    """Displacement (nz + 1, nx, ny, 3), approach, contact states and nodal forces (nx,
-    ny).
+    """The unknowns of the problem.
+
+    Attributes:
+        displacement: (nz + 1, nx, ny, 3) in m; under a punch it has to be converted by
+            `Problem.physical_displacement`.
+        approach: d of the flat, in m.
+        states: (nx, ny) contact states of the top nodes.
+        forces: (nx, ny) downward contact forces, in N.
     """
 
     displacement: FloatArray
@@ -51,8 +62,17 @@ class State:
 
 @dataclass(frozen=True)
 class Counts:
-    """Iterations of one increment, or the sum of several, but for the most of one of
-    them.
+    """Iterations of one increment, or of several increments, which are added by `+`.
+
+    Attributes:
+        newton: Newton iterations.
+        cg: iterations of conjugate gradients.
+        sweeps: linear solves, one for each contact set.
+        line_searches: times that a Newton step was shortened.
+        most_newton: largest number of Newton iterations of an increment.
+        most_cg: largest number of iterations of a linear solve.
+        increments: converged increments.
+        halvings: times that an increment was halved.
     """
 
     newton: int = 0
@@ -65,20 +85,24 @@ class Counts:
     halvings: int = 0
 
     def __add__(self, other: Counts) -> Counts:
-        mine, others = vars(self), vars(other)
-        most = {n: max(mine[n], others[n]) for n in mine if n.startswith("most")}
-        return Counts(**{n: mine[n] + others[n] for n in mine} | most)
+        total = {}
+        for name, count in vars(self).items():
+            other_count = vars(other)[name]
+            total[name] = count + other_count
+            if name.startswith("most"):
+                total[name] = max(count, other_count)
+        return Counts(**total)
 
 
 def unbalanced(R: FloatArray, states: States) -> FloatArray:
-    """R without the contact forces."""
+    """Return the reaction R without the contact forces, as a copy."""
     R = R.copy()
     R[0, ..., 2][states == ELASTIC] = 0
     return R
 
 
-def unbalanced_norm(R: FloatArray, states: States, workers: Workers = ALONE) -> float:
-    """The norm of `unbalanced`, without a copy of all its levels."""
+def unbalanced_norm(R: FloatArray, states: States, workers: Workers = SERIAL) -> float:
+    """Return the norm of `unbalanced` in N, without a copy of all its levels."""
     return math.hypot(norm(unbalanced(R[:1], states)), norm(R[1:], workers))
 
 
@@ -86,24 +110,31 @@ def unbalanced_norm(R: FloatArray, states: States, workers: Workers = ALONE) -> 
 class Problem:
     """The data that do not change along a load path.
 
-    bricks: the elements of the true geometry, which is the factor's if `flat`.  heights: (nx, ny)
-    of the top, in m.  cap: the largest nodal force, in N.  tilt: (nx, ny, 2) slopes of a punch, or
-    None; see `turned`.
+    Attributes:
+        block: the periodic block.
+        bricks: the elements of the true geometry.
+        factor: of the elastic block with a flat top.
+        law: of the material.
+        heights: (nx, ny) roughness of the top, in m.
+        cap: largest nodal force, in N; may be infinite.
+        flat: whether the factor is that of the true geometry under a flat.
+        tilt: (nx, ny, 2) slopes of a punch; None: the flat is even.
+        workers: threads that share the work.
     """
 
     block: PeriodicBlock
     bricks: Elements
     factor: Factor
-    law: Law
+    law: J2Law
     heights: FloatArray
     cap: float = np.inf
     flat: bool = True
     tilt: FloatArray | None = None
-    workers: Workers = ALONE
+    workers: Workers = SERIAL
 
     @cached_property
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
-        """The stiffness of the flat block's layers, as the smoother needs it."""
+        """Element stiffness of the layers, from `plasticity.layer_stiffness`."""
         return plasticity.layer_stiffness(self.bricks, self.law)
 
     @property
@@ -116,22 +147,38 @@ class Problem:
         """True if the nodal forces have an upper bound."""
         return math.isfinite(self.cap)
 
-    def internal_force(
-        self, u: FloatArray, history: History | None
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """The internal force of `u`, and which elements flow; without a history none
-        does.
-        """
-        past, nodal = history if self.plastic else None, self.turned(u).reshape(-1, 3)
-        force, flowing = plasticity.internal_force(
-            nodal, self.bricks, self.law, past, self.workers
-        )
-        return self.turned_back(force.reshape(u.shape)), flowing
+    @property
+    def area(self) -> float:
+        """Nominal area of the top, in m^2."""
+        return self.block.node_area * self.heights.size
 
-    def turned(self, v: FloatArray) -> FloatArray:
-        """The displacement u of the unknowns v.  On top of a block under a punch, which
-        presses along (tilt, 1) and meets what moves sideways at another height, v_z =
-        u_z + tilt . u_xy.
+    def internal_force(
+        self, v: FloatArray, history: History | None
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the internal force and the elements that flow.
+
+        Args:
+            v: (nz + 1, nx, ny, 3) unknown displacements, in m.
+            history: of the elements; None: nothing flows.
+
+        Returns:
+            force: (nz + 1, nx, ny, 3) on the unknowns, in N.
+            flowing: (m,) True for the elements that flow.
+        """
+        if not self.plastic:
+            history = None
+        u = self.physical_displacement(v).reshape(-1, 3)
+        force, flowing = plasticity.internal_force(
+            u, self.bricks, self.law, history, self.workers
+        )
+        return self.force_on_unknowns(force.reshape(v.shape)), flowing
+
+    def physical_displacement(self, v: FloatArray) -> FloatArray:
+        """Return the displacement u of the unknowns v, both (levels, nx, ny, 3) in m.
+
+        A punch presses along its normal (tilt, 1), and a node that moves sideways meets
+        it at another height.  On top of the block the unknown is therefore v_z = u_z +
+        tilt . u_xy.  Under an even flat u is v itself, not a copy.
         """
         if self.tilt is None:
             return v
@@ -139,61 +186,75 @@ class Problem:
         u[0, ..., 2] -= (self.tilt * v[0, ..., :2]).sum(axis=-1)
         return u
 
-    def turned_back(self, force: FloatArray) -> FloatArray:
-        """The forces on v, in place, of those on u: the transpose of `turned`."""
+    def force_on_unknowns(self, force: FloatArray) -> FloatArray:
+        """Turn forces on u into forces on v, in place, and return them.
+
+        This is the transpose of `physical_displacement`.
+        """
         if self.tilt is not None:
             force[0, ..., :2] -= self.tilt * force[0, ..., 2:]
         return force
 
-    def gap(self, u: FloatArray, approach: float) -> FloatArray:
-        """(nx, ny) gap between the top and the flat, in m."""
-        return np.asarray(-u[0, ..., 2] - self.heights - approach)
+    def gap(self, v: FloatArray, approach: float) -> FloatArray:
+        """Return the (nx, ny) gap between the top and the flat, in m."""
+        return np.asarray(-v[0, ..., 2] - self.heights - approach)
 
-    def without_base(self, force: FloatArray) -> FloatArray:
-        """The force, in place without the reactions of the base, if it reaches the base
-        at all.
+    def clear_base(self, force: FloatArray) -> FloatArray:
+        """Set the reactions of the base to zero, in place, and return the forces.
+
+        Forces on the upper levels alone stay as they are.
         """
         if len(force) > len(self.block.layers):
-            force[-1, ..., 2 if self.block.sliding else 0 :] = 0
+            first_held = 0
+            if self.block.sliding:
+                first_held = 2
+            force[-1, ..., first_held:] = 0
         return force
 
     def layer_stresses(
         self, state: State, history: History, layer: int
     ) -> tuple[FloatArray, Elements]:
-        """(nx ny, 6, 8) stresses of a layer, and its elements."""
-        size, bricks = self.heights.size, self.bricks
-        part = slice(layer * size, (layer + 1) * size)
-        some = bricks._replace(
-            connectivity=bricks.connectivity[part], shape_of=bricks.shape_of[part]
+        """Return the (nx ny, 6, 8) stresses of a layer in Pa, and its elements."""
+        nodes = self.heights.size
+        part = slice(layer * nodes, (layer + 1) * nodes)
+        bricks = self.bricks._replace(
+            connectivity=self.bricks.connectivity[part],
+            shape_of=self.bricks.shape_of[part],
         )
-        past = history._replace(rows=history.rows[part]) if self.plastic else None
-        u = self.turned(state.displacement).reshape(-1, 3)
-        return plasticity.stresses(u, some, self.law, past), some
+        layer_history = None
+        if self.plastic:
+            layer_history = history._replace(rows=history.rows[part])
+        u = self.physical_displacement(state.displacement).reshape(-1, 3)
+        return plasticity.stresses(u, bricks, self.law, layer_history), bricks
 
     def reaction(self, states: States, internal: FloatArray) -> FloatArray:
-        """R as the module's docstring defines it."""
-        R = self.without_base(-internal)
+        """Return R of an internal force in N, as the module's docstring defines it."""
+        R = self.clear_base(-internal)
         R[0, ..., 2] -= self.capped_forces(states)
         return R
 
     def capped_forces(self, states: States) -> FloatArray:
-        """(nx, ny) the cap at the capped nodes, and 0 elsewhere."""
+        """Return (nx, ny) forces in N: the cap at plastic nodes, 0 elsewhere."""
         return np.where(states == PLASTIC, self.cap, 0.0)
 
-    def contact_forces(self, states: States, pressing: FloatArray) -> FloatArray:
-        """(nx, ny) contact forces: `pressing` where the contact is elastic, and the
-        cap.
+    def contact_forces(self, states: States, reaction: FloatArray) -> FloatArray:
+        """Return the (nx, ny) contact forces, in N.
+
+        They are the `reaction` (nx, ny) at elastic nodes and the cap at plastic ones.
         """
-        return np.where(states == ELASTIC, pressing, self.capped_forces(states))
+        return np.where(states == ELASTIC, reaction, self.capped_forces(states))
 
     def capped_load(self, states: States) -> float:
-        """The force in N that the capped nodes carry."""
+        """Return the force that the plastic nodes carry, in N."""
         count = int((states == PLASTIC).sum())
-        return self.cap * count if count else 0.0
+        if count == 0:
+            return 0.0  # the cap may be infinite
+        return self.cap * count
 
     def missing_load(self, R: FloatArray, states: States, control: Control) -> float:
-        """The prescribed load less the contact forces, in N; 0 where the approach is
-        prescribed.
+        """Return the prescribed load less the contact forces, in N.
+
+        It is 0 if the approach is prescribed.
         """
         if control.load is None:
             return 0.0
@@ -203,28 +264,35 @@ class Problem:
     def residuals(
         self, state: State, R: FloatArray, control: Control
     ) -> dict[str, float]:
-        """Dimensionless residuals of a state with the reaction R.
+        """Return the dimensionless residuals of a state with the reaction R.
 
-        Over the total force, or the path's largest where that is larger: balance, the
-        norm of the unbalanced nodal forces; load, the missing load; tension, the
-        largest pull of a contact node.  Over the rms height, or the uniform compression
-        of a flat surface: gap, the largest on the elastic contact; penetration, the
-        deepest node elsewhere.
+        The first three are relative to the total force, or to the largest force of the
+        path if that is larger; the others are relative to the rms height, or to the
+        uniform compression of a flat surface.
+
+            balance      norm of the unbalanced nodal forces
+            load         missing load
+            tension      largest pull of a contact node
+            gap          largest gap of an elastic node
+            penetration  of the deepest node that is apart, or largest gap of a plastic
+                         node
         """
         contact = state.states == ELASTIC
         forces = np.where(contact, R[0, ..., 2], 0.0)
         pressed = float(forces.sum()) + self.capped_load(state.states)
-        # Where nothing has ever pressed, all forces are exactly zero.
+        # If nothing has ever pressed, all forces are exactly zero.
         total = max(control.scale, pressed) or 1.0
         uniform = total / self.heights.size * float(self.factor.surface[0, 0])
-        rms = float(np.std(self.heights)) or uniform
-        g = self.gap(state.displacement, state.approach)
-        apart, below = -g[state.states == APART], g[state.states == PLASTIC]
+        length = float(np.std(self.heights)) or uniform
+        gap = self.gap(state.displacement, state.approach)
+        penetration = max(
+            (-gap[state.states == APART]).max(initial=0.0),
+            gap[state.states == PLASTIC].max(initial=0.0),
+        )
         return {
             "balance": unbalanced_norm(R, state.states, self.workers) / total,
             "load": abs(self.missing_load(R, state.states, control)) / total,
-            "gap": float(np.abs(g[contact]).max(initial=0.0)) / rms,
-            "penetration": float(max(apart.max(initial=0.0), below.max(initial=0.0)))
-            / rms,
+            "gap": float(np.abs(gap[contact]).max(initial=0.0)) / length,
+            "penetration": float(penetration) / length,
             "tension": float((-forces[contact]).max(initial=0.0)) / total,
         }

@@ -1,22 +1,24 @@
-"""Block Gauss-Seidel sweeps over the flowing nodes: the part the elastic preconditioner
-misses.
+"""Block Gauss-Seidel sweeps over the flowing nodes, for the preconditioner.
 
 A perfectly plastic body yields along slip lines as thin as an element.  Neither the
 elastic flat block nor a coarse grid can represent them, but sweeps over the flowing
-nodes can, and these are only a few in a hundred.  The two together make one symmetric
-preconditioner,
+nodes can, and these are only a few per cent of all nodes.  Together they form one
+symmetric preconditioner,
 
     sweep up  ->  elastic block  ->  sweep down,
 
 a multiplicative Schwarz method (Smith, Bjorstad and Gropp, Domain Decomposition, 1996,
-section 1.1).  Its product with the tangent comes for free, because each part starts
-from the residual that the one before has left.
+section 1.1).  Its product with the tangent costs nothing extra, because each step
+starts from the residual that the step before has left.
 
-The tangent's rows of the flowing nodes are 3 x 3 blocks, one for each of the at most 27
-nodes that share an element with a node.  They go strip by strip across the surface,
-every other strip first: threads share one half and then the other, as strips that are
-apart have no element in common.
+The tangent's rows of the flowing nodes consist of 3 x 3 blocks, one for each of the at
+most 27 nodes that share an element with a node.  They are ordered in strips across the
+surface, every other strip first: strips of one half have no element in common, so that
+threads share one half and then the other.
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -29,140 +31,193 @@ from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
 from fem_check.element import CORNERS
-from fem_check.lanes import OPTIONS, compiled, inverse_of_symmetric
+from fem_check.lanes import OPTIONS, compiled, inlined, invert_symmetric
 from fem_check.plasticity import TangentCorrection
 from fem_check.problem import Problem
-from fem_check.workers import ALONE, Workers
+from fem_check.workers import SERIAL, Workers
 
 #: Sweeps on either side of the elastic block, an odd number.  They nearly halve the
-#: iterations, and more of them save no work.
+#: iterations, and more sweeps save no work.
 SWEEPS = 3
-#: Least width of a strip, in nodes.  It must be more than one.
-STRIP = 4
+#: Least width of a strip, in nodes; it must be more than one.
+STRIP_WIDTH = 4
+#: Work on a row of 27 blocks relative to the work on an element, for threads: in a
+#: sweep or product, and in the assembly.
+_ROW_WORK = 0.5
+_ASSEMBLY_WORK = 8.0
 
 
 class FlowRows(NamedTuple):
     """The tangent's matrix rows of the flowing nodes.
 
-    nodes: (n,) their numbers, strip by strip.  neighbours: (n, 27) numbers of the nodes in their
-    rows, -1 where there is none.  places: (n, 27) the neighbours' indices in `nodes`; n where one
-    does not flow.  blocks: (n, 27, 3, 3) in N/m.  strips: two arrays (s, 2), the first row of each
-    strip and the one after its last.
+    Attributes:
+        nodes: (n,) numbers of the flowing nodes, strip by strip.
+        neighbours: (n, 27) numbers of the nodes in each row; -1 where there is none.
+        neighbour_rows: (n, 27) indices of the neighbours in `nodes`; n where a
+            neighbour does not flow.
+        blocks: (n, 27, 3, 3) stiffness, in N/m.
+        strips: two halves (s, 2), the first row and the stop row of each strip.
     """
 
     nodes: NDArray[np.int64]
     neighbours: NDArray[np.int32]
-    places: NDArray[np.int32]
+    neighbour_rows: NDArray[np.int32]
     blocks: FloatArray
     strips: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 class Smoother:
-    """The sweeps of `rows`; `held` (nx, ny) are the top nodes whose normal motion is
-    zero.
+    """The sweeps over the flowing nodes.
+
+    Args:
+        rows: the tangent's rows.
+        held: (nx, ny) True for the top nodes whose normal motion is zero.
+        workers: threads that share the work.
     """
 
     def __init__(
-        self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = ALONE
+        self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = SERIAL
     ) -> None:
-        self.rows, self.workers = rows, workers
+        self.rows = rows
+        self.workers = workers
         self._inverses = np.empty((len(rows.nodes), 3, 3))  # of the diagonal blocks
-        _invert(rows, held.ravel(), self._inverses)
+        _invert_diagonal(rows, held.ravel(), self._inverses)
 
     def smooth(self, residual: FloatArray, *, transposed: bool = False) -> FloatArray:
-        """The displacement (n, 3) of the flowing nodes after sweeps up, down, up, or
-        transposed.
+        """Return the displacements of the flowing nodes after `SWEEPS` sweeps.
+
+        Args:
+            residual: (levels, nx, ny, 3), in N.
+            transposed: sweep down, up, down instead of up, down, up.
+
+        Returns:
+            (n, 3) in m.
         """
-        x, right = np.zeros((len(self.rows.nodes), 3)), residual.reshape(-1, 3)
+        x = np.zeros((len(self.rows.nodes), 3))
+        right = residual.reshape(-1, 3)
         for k in range(SWEEPS):
             up = (k % 2 == 0) != transposed
             sweep = partial(_sweep, self.rows, self._inverses, right, x, up)
-            for strips in self.rows.strips if up else self.rows.strips[::-1]:
-                self.workers.share(sweep, strips, weight=0.5)
+            halves = self.rows.strips
+            if not up:
+                halves = halves[::-1]
+            for strips in halves:
+                self.workers.run(sweep, strips, work=_ROW_WORK)
         return x
 
     def add_product(self, scale: float, x: FloatArray, force: FloatArray) -> None:
-        """Add `scale` times K x to the (levels, nx, ny, 3) `force`, in place."""
+        """Add `scale` times the tangent times x to a force, in place.
+
+        Args:
+            scale: dimensionless.
+            x: (n, 3) displacements of the flowing nodes, in m.
+            force: (levels, nx, ny, 3), in N.
+        """
         multiply = partial(_multiply, self.rows, scale * x, force.reshape(-1, 3))
         for strips in self.rows.strips:
-            self.workers.share(multiply, strips, weight=0.5)
+            self.workers.run(multiply, strips, work=_ROW_WORK)
 
     def add(self, x: FloatArray, displacement: FloatArray) -> None:
-        """Add x to the flowing nodes' part of a (levels, nx, ny, 3) field, in place."""
+        """Add x (n, 3) to the flowing nodes of a (levels, nx, ny, 3) field in place."""
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
-def assemble(problem: Problem, correction: TangentCorrection, scale: float) -> FlowRows:
-    """The rows of a flat block, less `scale` times the correction, without those of the
-    base.
+def assemble_rows(
+    problem: Problem, correction: TangentCorrection, scale: float
+) -> FlowRows:
+    """Assemble the tangent's rows of the flowing nodes of a flat block.
+
+    Args:
+        problem: whose elements are those of a flat block.
+        correction: of the elements that flow.
+        scale: factor of the correction, which is added to the elastic stiffness.
+
+    Returns:
+        The rows, without those of nodes of the base.
     """
-    (nx, ny), bricks = problem.block.shape, problem.bricks
+    nx, ny = problem.block.shape
+    bricks = problem.bricks
     flows = np.zeros(problem.block.field_shape[:3], dtype=np.bool_)
-    flows.reshape(-1)[bricks.connectivity[correction.which]] = True
+    flows.reshape(-1)[bricks.connectivity[correction.elements]] = True
     flows[-1] = False
     nodes, strips = _in_strips(np.flatnonzero(flows), nx, ny)
-    places = np.full(flows.size, len(nodes), dtype=np.int32)
-    places[nodes] = np.arange(len(nodes))
-    number = np.full(bricks.number, -1, dtype=np.int32)
-    number[correction.which] = np.arange(correction.which.size)
+    row_of_node = np.full(flows.size, len(nodes), dtype=np.int32)
+    row_of_node[nodes] = np.arange(len(nodes))
+    correction_of_element = np.full(bricks.number, -1, dtype=np.int32)
+    correction_of_element[correction.elements] = np.arange(correction.elements.size)
+    # Element [k, i, j] has nodes of the levels k and k + 1, and of the columns i and
+    # i + 1, j and j + 1.
+    has_row = flows[:-1] | flows[1:]
+    has_row |= np.roll(has_row, -1, 1)
+    has_row |= np.roll(has_row, -1, 2)
+    elements, element_strips = _in_strips(np.flatnonzero(has_row), nx, ny)
     neighbours = np.full((len(nodes), 27), -1, dtype=np.int32)
     blocks = np.zeros((len(nodes), 27, 3, 3))
-    around = flows[:-1] | flows[1:]
-    around |= np.roll(around, -1, 1)
-    around |= np.roll(around, -1, 2)
-    which, parts = _in_strips(np.flatnonzero(around), nx, ny)
-    body, flow = (bricks, *problem.stiffness), (number, correction.terms, float(scale))
     task = partial(
-        _assemble, body, flow, which, places, _slots(nx, ny), neighbours, blocks
+        _assemble,
+        (bricks, *problem.stiffness),
+        (correction_of_element, correction.terms, float(scale)),
+        elements,
+        (row_of_node, _slots(nx, ny), neighbours, blocks),
     )
-    for part in parts:
-        problem.workers.share(task, part, weight=8.0)
-    within = np.where(neighbours < 0, len(nodes), places[neighbours]).astype(np.int32)
-    return FlowRows(nodes, neighbours, within, blocks, strips)
+    for half in element_strips:
+        problem.workers.run(task, half, work=_ASSEMBLY_WORK)
+    neighbour_rows = np.where(neighbours < 0, len(nodes), row_of_node[neighbours])
+    return FlowRows(nodes, neighbours, neighbour_rows.astype(np.int32), blocks, strips)
 
 
 def _in_strips(
     numbers: NDArray[np.int64], nx: int, ny: int
 ) -> tuple[NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Numbers of nodes or elements in the order of strips, and the strips as in
-    `FlowRows`.
+    """Return numbers of nodes or elements ordered by strips, and these strips.
+
+    The strips are those of `FlowRows`.
     """
-    half = max(1, nx // (2 * STRIP))
+    half = max(1, nx // (2 * STRIP_WIDTH))
     strip = numbers // ny % nx * 2 * half // nx
-    place = strip // 2 + strip % 2 * half
-    order = np.argsort(place, kind="stable")
-    cuts = np.searchsorted(place[order], np.arange(2 * half + 1))
+    position = strip // 2 + strip % 2 * half  # even strips first
+    order = np.argsort(position, kind="stable")
+    cuts = np.searchsorted(position[order], np.arange(2 * half + 1))
     strips = np.stack([cuts[:-1], cuts[1:]], axis=1)
     return numbers[order], (strips[:half], strips[half:])
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
-    """(8, 8) the slot of corner b in the row of corner a; neighbours may be one
-    node.
+    """Return (8, 8) the slot of corner b in the row of corner a.
+
+    With one or two nodes along an axis, neighbours on both sides are the same node.
     """
     step = CORNERS[None, :, :] - CORNERS[:, None, :]
     for axis, count in ((0, nx), (1, ny)):
         if count <= 2:
             step[..., axis] = np.abs(step[..., axis]) * (count - 1)
-    out: NDArray[np.int64] = ((step + 1) @ np.array([9, 3, 1])).astype(np.int64)
-    return out
+    slots: NDArray[np.int64] = ((step + 1) @ np.array([9, 3, 1])).astype(np.int64)
+    return slots
 
 
-_SELF = 13  # the slot of a node in its own row
+#: Slot of a node in its own row.
+_SELF = 13
 
 
 @compiled
-def subtract_correction(K, deviatoric, gradients, weights, terms, scale):  # type: ignore[no-untyped-def]
-    """Subtracts `scale` times the correction of one element from its stiffness K (24 x
-    24).
+def subtract_correction(K, deviatoric, gradients, weights, terms, scale):
+    """Subtract `scale` times the correction of one element from its stiffness K.
+
+    K: (24 * 24,) in N/m, changed in place.  deviatoric: (8, 24 * 24) of
+    `layer_stiffness`.  gradients: (3, 8, 8).  weights: (8,).  terms: (8, 8) of
+    `TangentCorrection`.
     """
     v = np.empty(24)
     for q in range(8):
-        a, b, n = scale * terms[6, q], scale * weights[q] * terms[7, q], terms[:6, q]
+        a = scale * terms[6, q]
+        b = scale * weights[q] * terms[7, q]
+        n = terms[:6, q]
         for m in range(24 * 24):
             K[m] -= a * deviatoric[q, m]
         for c in range(8):
-            gx, gy, gz = gradients[0, c, q], gradients[1, c, q], gradients[2, c, q]
+            gx = gradients[0, c, q]
+            gy = gradients[1, c, q]
+            gz = gradients[2, c, q]
             v[3 * c] = n[0] * gx + n[3] * gy + n[5] * gz
             v[3 * c + 1] = n[3] * gx + n[1] * gy + n[4] * gz
             v[3 * c + 2] = n[5] * gx + n[4] * gy + n[2] * gz
@@ -173,14 +228,12 @@ def subtract_correction(K, deviatoric, gradients, weights, terms, scale):  # typ
 
 
 @compiled
-def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no-untyped-def]
-    """Adds the stiffness K of the element with these `corners` to the rows of those
-    that flow.
-    """
+def _add_rows(K, corners, row_of_node, slots, neighbours, blocks):
+    """Add the stiffness K of an element with these corners to the rows of its nodes."""
     for a in range(8):
-        row = places[corners[a]]
+        row = row_of_node[corners[a]]
         if row >= blocks.shape[0]:
-            continue
+            continue  # the node does not flow
         for b in range(8):
             slot = slots[a, b]
             neighbours[row, slot] = corners[b]
@@ -190,97 +243,128 @@ def _add_rows(K, corners, places, slots, neighbours, blocks):  # type: ignore[no
 
 
 @compiled
-def _assemble(  # type: ignore[no-untyped-def]  # noqa: PLR0913, PLR0917 - one sum
-    body, flow, which, places, slots, neighbours, blocks, strips
-):
-    """Adds the stiffness of the elements `which` in the strips to the rows of the
-    flowing nodes.
+def _assemble(body, flow, elements, rows, strips):
+    """Add the stiffness of the elements in the strips to the rows of their nodes.
+
+    body: elements, elastic and deviatoric stiffness of the layers.  flow: index of each
+    element's correction (-1: none), terms, and scale.  rows: the last four arguments of
+    `_add_rows`.
     """
     bricks, elastic, deviatoric = body
-    number, terms, scale = flow
+    correction_of_element, terms, scale = flow
+    row_of_node, slots, neighbours, blocks = rows
     K = np.empty(24 * 24)
     for first, stop in strips:
-        for e in which[first:stop]:
-            s = bricks.shape_of[e]
-            for n in range(K.size):  # the compiler takes seconds for K[:] = elastic[s]
-                K[n] = elastic[s, n]
-            if number[e] >= 0:
-                gradients, weights = bricks.gradients[s], bricks.weights[s]
+        for element in elements[first:stop]:
+            k = bricks.shape_of[element]
+            for m in range(K.size):  # the compiler takes seconds for K[:] = elastic[k]
+                K[m] = elastic[k, m]
+            index = correction_of_element[element]
+            if index >= 0:
                 subtract_correction(
-                    K, deviatoric[s], gradients, weights, terms[number[e]], scale
+                    K,
+                    deviatoric[k],
+                    bricks.gradients[k],
+                    bricks.weights[k],
+                    terms[index],
+                    scale,
                 )
-            _add_rows(K, bricks.connectivity[e], places, slots, neighbours, blocks)
+            corners = bricks.connectivity[element]
+            _add_rows(K, corners, row_of_node, slots, neighbours, blocks)
 
 
 @compiled
-def _invert(rows, held, out):  # type: ignore[no-untyped-def]
-    """Inverses of the diagonal blocks; a held normal motion has neither row nor
-    column.
+def _invert_diagonal(rows, held, inverses):
+    """Write the inverses of the diagonal blocks.
+
+    A held normal motion has neither row nor column.
     """
     for r in range(rows.nodes.size):
-        A, node = rows.blocks[r, _SELF], rows.nodes[r]
-        d, f, g = A[2, 2], A[1, 2], A[0, 2]
-        fixed = node < held.size and held[node]
-        if fixed:
-            d, f, g = 1.0, 0.0, 0.0
-        inverse = inverse_of_symmetric(A[0, 0], A[1, 1], d, A[0, 1], f, g)
+        A = rows.blocks[r, _SELF]
+        node = rows.nodes[r]
+        zz = A[2, 2]
+        yz = A[1, 2]
+        zx = A[0, 2]
+        is_held = node < held.size and held[node]
+        if is_held:
+            zz = 1.0
+            yz = 0.0
+            zx = 0.0
+        inverse = invert_symmetric(A[0, 0], A[1, 1], zz, A[0, 1], yz, zx)
         for i in range(3):
             j = (i + 1) % 3
-            out[r, i, i] = inverse[i]
-            out[r, i, j] = out[r, j, i] = inverse[3 + i]
-        if fixed:
-            out[r, 2, 2] = 0
+            inverses[r, i, i] = inverse[i]
+            inverses[r, i, j] = inverses[r, j, i] = inverse[3 + i]
+        if is_held:
+            inverses[r, 2, 2] = 0
 
 
-# The sums keep their order: reassociated, they would be gathered into slow vectors of
-# neighbours.
+@inlined
+def _product(A, x, y, z):
+    """Return the product of a 3 x 3 block and a vector."""
+    return (
+        A[0, 0] * x + A[0, 1] * y + A[0, 2] * z,
+        A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
+        A[2, 0] * x + A[2, 1] * y + A[2, 2] * z,
+    )
+
+
+# The sums keep their order.  If the compiler may reorder them, it gathers the
+# neighbours into vectors, which is slower.
 @njit(fastmath={"contract", "nsz"}, **OPTIONS)
-def _sweep(rows, inverses, right, x, ascending, strips):  # type: ignore[no-untyped-def]
-    """Makes one Gauss-Seidel sweep of each strip, which starts from x and changes
-    it.
-    """
+def _sweep(rows, inverses, right, x, ascending, strips):
+    """Make one Gauss-Seidel sweep over each strip, which changes x in place."""
     count = rows.nodes.size
     for first, stop in strips:
         for k in range(stop - first):
-            r = first + k if ascending else stop - 1 - k
-            n = rows.nodes[r]
-            b0, b1, b2 = right[n, 0], right[n, 1], right[n, 2]
-            for s in range(27):
-                c = rows.places[r, s]
+            r = stop - 1 - k
+            if ascending:
+                r = first + k
+            node = rows.nodes[r]
+            b0 = right[node, 0]
+            b1 = right[node, 1]
+            b2 = right[node, 2]
+            for slot in range(27):
+                c = rows.neighbour_rows[r, slot]
                 if c < count:
-                    A = rows.blocks[r, s]
-                    b0 -= A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
-                    b1 -= A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
-                    b2 -= A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
-            D = inverses[r]
-            for i in range(3):
-                x[r, i] += D[i, 0] * b0 + D[i, 1] * b1 + D[i, 2] * b2
+                    A = rows.blocks[r, slot]
+                    f0, f1, f2 = _product(A, x[c, 0], x[c, 1], x[c, 2])
+                    b0 -= f0
+                    b1 -= f1
+                    b2 -= f2
+            d0, d1, d2 = _product(inverses[r], b0, b1, b2)
+            x[r, 0] += d0
+            x[r, 1] += d1
+            x[r, 2] += d2
 
 
 @compiled
-def _multiply(rows, x, out, strips):  # type: ignore[no-untyped-def]
-    """out += K x, in the rows of the strips' flowing nodes and, of all others, of
-    neighbours.
+def _multiply(rows, x, force, strips):
+    """Add K x to the force (nodes, 3), in place.
+
+    The rows of nodes that do not flow get the transposed blocks of their neighbours.
     """
     count = rows.nodes.size
     for first, stop in strips:
         for r in range(first, stop):
-            n = rows.nodes[r]
             b0 = b1 = b2 = 0.0
-            x0, x1, x2 = x[r, 0], x[r, 1], x[r, 2]
-            for s in range(27):
-                m = rows.neighbours[r, s]
-                if m < 0:
+            for slot in range(27):
+                neighbour = rows.neighbours[r, slot]
+                if neighbour < 0:
                     continue
-                A, c = rows.blocks[r, s], rows.places[r, s]
+                A = rows.blocks[r, slot]
+                c = rows.neighbour_rows[r, slot]
                 if c < count:
-                    b0 += A[0, 0] * x[c, 0] + A[0, 1] * x[c, 1] + A[0, 2] * x[c, 2]
-                    b1 += A[1, 0] * x[c, 0] + A[1, 1] * x[c, 1] + A[1, 2] * x[c, 2]
-                    b2 += A[2, 0] * x[c, 0] + A[2, 1] * x[c, 1] + A[2, 2] * x[c, 2]
+                    f0, f1, f2 = _product(A, x[c, 0], x[c, 1], x[c, 2])
+                    b0 += f0
+                    b1 += f1
+                    b2 += f2
                 else:
-                    out[m, 0] += A[0, 0] * x0 + A[1, 0] * x1 + A[2, 0] * x2
-                    out[m, 1] += A[0, 1] * x0 + A[1, 1] * x1 + A[2, 1] * x2
-                    out[m, 2] += A[0, 2] * x0 + A[1, 2] * x1 + A[2, 2] * x2
-            out[n, 0] += b0
-            out[n, 1] += b1
-            out[n, 2] += b2
+                    f0, f1, f2 = _product(A.T, x[r, 0], x[r, 1], x[r, 2])
+                    force[neighbour, 0] += f0
+                    force[neighbour, 1] += f1
+                    force[neighbour, 2] += f2
+            node = rows.nodes[r]
+            force[node, 0] += b0
+            force[node, 1] += b1
+            force[node, 2] += b2

@@ -23,7 +23,7 @@ from fem_check.path import PathPoint
 from fem_check.plasticity import History
 from fem_check.problem import Problem, State
 
-#: The unit of each array; "1" has none.
+#: Units of the arrays and field data; "1" is dimensionless.
 UNITS = {
     "displacement": "m",
     "stress": "Pa",
@@ -40,13 +40,14 @@ UNITS = {
     "depth": "m",
 }
 
-_STRENGTHS = ("young_modulus", "poisson_ratio", "yield_stress", "hardness")
+#: Properties of the material that the field data contain.
+_MATERIAL = ("young_modulus", "poisson_ratio", "yield_stress", "hardness")
 
-#: The ends of the names of the files of a step.
-ENDS = (".vtu", "-surface.vtu")
+#: Suffixes of the names of a step's two files: the body and its surface.
+SUFFIXES = (".vtu", "-surface.vtu")
 
-#: The corners of a hexahedron in the order of meshio and VTK.
-_CORNERS = (
+#: Corners of a hexahedron in the order of meshio and VTK.
+_VTK_CORNERS = (
     (0, 0, 0),
     (1, 0, 0),
     (1, 1, 0),
@@ -65,73 +66,78 @@ def mesh_of(
     *,
     reference: bool = False,
 ) -> Any:
-    """The block of a problem as a `meshio.Mesh`, which other finite-element codes can
-    read.
+    """Return the block of a problem as a `meshio.Mesh`, for other finite-element codes.
 
     Args:
-        problem: of `solve_path(...).problem`.
-        state: whose displacement (m), nodal stress (Pa; means of the Gauss points
-            around a node, volume-weighted, as xx, yy, zz, xy, yz, zx), von Mises norm
-            and equivalent plastic strain are added to the points, and their means over
-            an element to the cells.
-        history: of the material at that state, if it can flow.
+        problem: as in `solve_path(...).problem`.
+        state: adds data to the points: the displacement (m), and the stress (Pa, as xx,
+            yy, zz, xy, yz, zx), its von Mises norm and the equivalent plastic strain as
+            volume-weighted means of the Gauss points around a node.  The cells get
+            their means over an element.  None: no data.
+        history: of the elements at that state, if the material can flow.
         reference: whether the points are those of the block in which the elements are
-            solved, whose top is flat in a gap geometry, with the "gap" (m) that its top
-            nodes then have to a flat on the highest of them as data of the points, and
-            0 elsewhere.
+            solved.  Its top is flat in the gap geometry; the data of the points then
+            contain the "gap" (m) from the top nodes to a flat on the highest of them,
+            and 0 elsewhere.
 
     Returns:
-        Hexahedra over one period, with the sets of nodes "top" and "base".  The points
-        are those of the undeformed rough body; the roughness of a gap geometry is
-        shared out over the layers. Copies of the first nodes close the periodic edges.
+        Hexahedra over one period, with the point sets "top" and "base".  By default the
+        points are those of the undeformed rough body, and the roughness of a gap
+        geometry is spread over the layers.  Copies of the first nodes close the
+        periodic edges.
 
     Example:
         >>> from fem_check.options import FemOptions
         >>> from fem_check.driver import problem_of
         >>> from epcontact.scene import Load, Material, Scene, Surface
-        >>> scene = Scene(Surface(np.zeros((4, 4)), (1.0, 1.0)), Material(1.0, 0.3), Load(0.01))
+        >>> surface = Surface(np.zeros((4, 4)), (1.0, 1.0))
+        >>> scene = Scene(surface, Material(1.0, 0.3), Load(0.01))
         >>> mesh = mesh_of(problem_of(scene, FemOptions(law="elastic", layers=2)))
-        >>> len(mesh.points), mesh.cells_dict["hexahedron"].shape, len(mesh.point_sets["top"])
-        (75, (32, 8), 25)
+        >>> len(mesh.points), len(mesh.point_sets["top"])
+        (75, 25)
+        >>> mesh.cells_dict["hexahedron"].shape
+        (32, 8)
     """
     import meshio  # slow to load, and few solves write files
 
     block = problem.block
-    nz, (nx, ny) = len(block.layers), block.shape
-    where = block.positions()
+    nx, ny = block.shape
+    nz = len(block.layers)
+    positions = block.positions()
     if block.moved is None and problem.tilt is None and not reference:
-        fade = 1 + block.levels / block.depth
-        where[..., 2] += fade[:, None, None] * (
-            problem.heights - problem.heights.mean()
-        )
-    nodes = closed(np.arange(where[..., 0].size).reshape(where.shape[:3])).ravel()
-    number = np.arange(len(nodes)).reshape(nz + 1, nx + 1, ny + 1)
-    points = where.reshape(-1, 3)[nodes].reshape(*number.shape, 3)
+        fraction = 1 + block.levels / block.depth
+        roughness = problem.heights - problem.heights.mean()
+        positions[..., 2] += fraction[:, None, None] * roughness
+    nodes = close_periods(np.arange((nz + 1) * nx * ny).reshape(nz + 1, nx, ny)).ravel()
+    points = positions.reshape(-1, 3)[nodes].reshape(nz + 1, nx + 1, ny + 1, 3)
     points[:, -1, :, 0] += nx * block.spacing[0]
     points[:, :, -1, 1] += ny * block.spacing[1]
+    number = np.arange(len(nodes)).reshape(nz + 1, nx + 1, ny + 1)
     corners = [
         number[1 - z : nz + 1 - z, x : nx + x, y : ny + y].ravel()
-        for x, y, z in _CORNERS
+        for x, y, z in _VTK_CORNERS
     ]
-    on_points, on_cells = ({}, {}) if state is None else _data(problem, state, history)
+    point_data: dict[str, FloatArray] = {}
+    cell_data: dict[str, FloatArray] = {}
+    if state is not None:
+        point_data, cell_data = _data(problem, state, history)
     if reference:
         gap = np.zeros(block.field_shape[:3])
         gap[0] = problem.heights.max() - problem.heights
-        on_points["gap"] = gap.ravel()
+        point_data["gap"] = gap.ravel()
     return meshio.Mesh(
         points.reshape(-1, 3),
         [("hexahedron", np.stack(corners, axis=1))],
-        {name: values[nodes] for name, values in on_points.items()},
-        {name: [values] for name, values in on_cells.items()},
+        {name: values[nodes] for name, values in point_data.items()},
+        {name: [values] for name, values in cell_data.items()},
         point_sets={"top": number[0].ravel(), "base": number[-1].ravel()},
     )
 
 
-def closed(field: NDArray[Any]) -> NDArray[Any]:
-    """A (..., nx, ny) field with its first row and column copied to the end of the
-    period.
-    """
-    return np.pad(field, [(0, 0)] * (field.ndim - 2) + [(0, 1), (0, 1)], mode="wrap")
+def close_periods(field: NDArray[Any]) -> NDArray[Any]:
+    """Return a (..., nx, ny) field with its first row and column copied to the end."""
+    unchanged = [(0, 0)] * (field.ndim - 2)
+    return np.pad(field, [*unchanged, (0, 1), (0, 1)], mode="wrap")
 
 
 def write_step(
@@ -143,30 +149,47 @@ def write_step(
     point: PathPoint,
     history: History,
 ) -> None:
-    """Write the body and its surface at one point of the path.  Raises OutputError."""
-    told = {
+    """Write the body and its surface at one point of the path.
+
+    Args:
+        folder: in which the two files are written.
+        number: of the point, from 0.
+        scene: the scene.
+        options: of the solve.
+        problem: the problem.
+        point: of the path.
+        history: of the elements at this point.
+
+    Raises:
+        OutputError: a file could not be written.
+    """
+    material = {name: getattr(scene.material, name) for name in _MATERIAL}
+    field_data = {
         "mean_pressure": point.mean_pressure,
         "method": "fem",
         "law": options.law,
         "geometry": options.geometry,
         "scene": scene.digest,
-        **{name: getattr(scene.material, name) for name in _STRENGTHS},
+        **material,
         "body": scene.body.kind,
         "depth": problem.block.depth,
         "notes": "; ".join(scene.surface.notes),
-        **{f"version.{name}": number for name, number in package_versions().items()},
     }
+    for name, version in package_versions().items():
+        field_data[f"version.{name}"] = version
     body = mesh_of(problem, point.state, history)
-    for mesh, end in zip((body, _top_of(body, problem, point)), ENDS, strict=True):
-        with atomic_write(folder / step_name(number, end)) as temporary:
-            _write_grid(mesh, told, str(temporary))
+    top = _top_of(body, problem, point)
+    for mesh, suffix in zip((body, top), SUFFIXES, strict=True):
+        with atomic_write(folder / step_name(number, suffix)) as temporary:
+            _write_grid(mesh, field_data, str(temporary))
 
 
 def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
-    """The top of the body's mesh as quadrilaterals, with the contact's fields."""
+    """Return the top of the body's mesh, with the contact's fields."""
     import meshio
 
-    top, cells = body.point_sets["top"], body.cells[0].data
+    top = body.point_sets["top"]
+    bricks = body.cells[0].data
     fields: dict[str, NDArray[Any]] = {
         "contact_pressure": point.state.forces / problem.block.node_area,
         "gap": point.gap,
@@ -174,32 +197,33 @@ def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
     }
     if problem.capped:
         fields["plastic_displacement"] = point.plastic_displacement
-    data = {name: closed(values).ravel() for name, values in fields.items()}
+    data = {name: close_periods(values).ravel() for name, values in fields.items()}
     data["displacement"] = body.point_data["displacement"][top]
-    # The points of the top come first, and each brick of the top layer has its last
-    # face there.
-    return meshio.Mesh(
-        body.points[top], [("quad", cells[: problem.heights.size, 4:])], data
-    )
+    # The points of the top come first, and the last four corners of each brick of the
+    # top layer are on the top.
+    faces = bricks[: problem.heights.size, 4:]
+    return meshio.Mesh(body.points[top], [("quad", faces)], data)
 
 
-def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
-    """Write a mesh with units and field data, which meshio leaves out; pyvista's writer
-    crashes on a full disk.  Raises OSError.
+def _write_grid(mesh: Any, field_data: Mapping[str, str | float], path: str) -> None:
+    """Write a mesh with units and field data, which meshio cannot write.
+
+    VTK's own writer is used because pyvista's crashes on a full disk.  Raises OSError.
     """
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkDataArray
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     grid = pv.from_meshio(mesh)
-    grid.point_data.update(mesh.point_data)  # with its own types of numbers
+    grid.point_data.update(mesh.point_data)  # with the types of its numbers
     for data in (grid.point_data, grid.cell_data):
         for name in data:
-            told = data.GetAbstractArray(name).GetInformation()
-            told.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
-    units = {f"unit.{name}": UNITS[name] for name in (*UNITS, *about) if name in UNITS}
-    for name, value in {**about, **units}.items():
+            information = data.GetAbstractArray(name).GetInformation()
+            information.Set(vtkDataArray.UNITS_LABEL(), UNITS[name])
+    for name, value in field_data.items():
         grid.field_data[name] = [value]
+    for name, unit in UNITS.items():
+        grid.field_data[f"unit.{name}"] = [unit]
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
     writer.EncodeAppendedDataOff()
@@ -213,39 +237,41 @@ def _write_grid(mesh: Any, about: Mapping[str, str | float], path: str) -> None:
 def _data(
     problem: Problem, state: State, history: History | None
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """The displacement, stresses and strains at the block's nodes and in its
-    elements.
-    """
-    bricks, past = problem.bricks, history if problem.plastic else None
-    u = problem.turned(state.displacement).reshape(-1, 3)
-    stress = plasticity.stresses(u, bricks, problem.law, past)
+    """Return the data of the block's nodes and of its elements, by name."""
+    bricks = problem.bricks
+    if not problem.plastic:
+        history = None
+    u = problem.physical_displacement(state.displacement).reshape(-1, 3)
+    stress = plasticity.stresses(u, bricks, problem.law, history)
     weights = bricks.weights[bricks.shape_of]
     volumes = weights.sum(axis=1)
-    mean = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
-    strain = np.zeros(bricks.number)
-    if past is not None:
-        strain = np.einsum("eg,eg->e", past.accumulated[past.rows], weights) / volumes
+    # The columns of values (elements, 7): six stresses and the plastic strain.
+    values = np.zeros((bricks.number, 7))
+    values[:, :6] = np.einsum("eig,eg->ei", stress, weights) / volumes[:, None]
+    if history is not None:
+        strain = history.accumulated[history.rows]
+        values[:, 6] = np.einsum("eg,eg->e", strain, weights) / volumes
     corners = bricks.connectivity.ravel()
-    shared = np.bincount(corners, np.repeat(volumes, 8), len(u))
-    both = np.column_stack([mean, strain])
-    summed = [
-        np.bincount(corners, np.repeat(v * volumes, 8), len(u)) / shared for v in both.T
-    ]
-    points, cells = (
-        {
-            "stress": s[:, :6],
-            "von_mises": von_mises(s[:, :6]),
-            "equivalent_plastic_strain": s[:, 6],
-        }
-        for s in (np.stack(summed, axis=1), both)
-    )
-    return {"displacement": u, **points}, cells
+    nodal_volumes = np.bincount(corners, np.repeat(volumes, 8), len(u))
+    nodal_values = np.empty((len(u), 7))
+    for column in range(7):
+        weighted = np.repeat(values[:, column] * volumes, 8)
+        nodal_values[:, column] = np.bincount(corners, weighted, len(u)) / nodal_volumes
+    return {"displacement": u, **_named(nodal_values)}, _named(values)
+
+
+def _named(values: FloatArray) -> dict[str, FloatArray]:
+    """Return columns (..., 7) of stresses and plastic strain by name."""
+    stress = values[:, :6]
+    return {
+        "stress": stress,
+        "von_mises": von_mises(stress),
+        "equivalent_plastic_strain": values[:, 6],
+    }
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
-    """The von Mises norm of stresses (..., 6) with the components xx, yy, zz, xy, yz,
-    zx.
-    """
-    s = np.moveaxis(stress, -1, 0)
-    normal = (s[0] - s[1]) ** 2 + (s[1] - s[2]) ** 2 + (s[2] - s[0]) ** 2
-    return np.asarray(np.sqrt(normal / 2 + 3 * (s[3] ** 2 + s[4] ** 2 + s[5] ** 2)))
+    """Return the von Mises norm of stresses (..., 6), as xx, yy, zz, xy, yz, zx."""
+    xx, yy, zz, xy, yz, zx = np.moveaxis(stress, -1, 0)
+    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.asarray(np.sqrt(normal / 2 + 3 * (xy**2 + yz**2 + zx**2)))

@@ -1,10 +1,13 @@
-"""Compiled loops that threads share, and the vector operations of the iterations.
+"""Threads for compiled loops, and the vector operations of the iterative solvers.
 
-A loop is cut into parts that write to different places, and sums are added up piece by
-piece, so that a result has the same bits on any number of threads.  Vectors have loops
-of their own, because numpy's products call a BLAS whose threads cost more than these
-short loops take.
+A loop is cut into ranges that write to different places, and partial sums are added up
+range by range.  A result therefore has the same bits on any number of threads.  The
+vector operations are compiled here because numpy's products call a BLAS, whose threads
+cost more than these short loops take.
 """
+
+# mypy: allow-untyped-defs
+# numba infers the types of the compiled functions.
 
 from __future__ import annotations
 
@@ -20,100 +23,122 @@ from numpy.typing import NDArray
 from epcontact.results import FloatArray
 from fem_check.lanes import compiled
 
-#: The fewest elements that are worth a thread: their forces take .2 ms.
-FEWEST = 1024
-_PIECE = 1 << 14  # entries of a vector
-_WEIGHT = 1 / 64  # the work on an entry over that on an element
+#: Fewest elements that a thread gets: their internal force takes 0.2 ms, which is much
+#: longer than the start of a thread's task.
+MIN_ELEMENTS = 1024
+#: Vector entries that are summed up in one range.
+_RANGE_LENGTH = 1 << 14
+#: Work on a vector entry, relative to the work on an element.
+_ENTRY_WORK = 1 / 64
 
 
 class Workers:
-    """Threads of which the caller is one; the others end with this object."""
+    """A pool of threads, one of which is the caller's; the others end with this object.
 
-    def __init__(self, threads: int = 1, fewest: int = FEWEST) -> None:
-        self.threads, self.fewest = threads, fewest
-        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+    Args:
+        threads: number of threads, the caller's included.
+        min_elements: fewest elements (or equivalent work) that a thread gets.
+    """
 
-    def share(
+    def __init__(self, threads: int = 1, min_elements: int = MIN_ELEMENTS) -> None:
+        self.threads = threads
+        self.min_elements = min_elements
+        self._pool: ThreadPoolExecutor | None = None
+        if threads > 1:
+            self._pool = ThreadPoolExecutor(threads - 1)
+
+    def run(
         self,
         task: Callable[..., Any],
         ranges: NDArray[np.int64],
         *,
-        weight: float = 1.0,
+        work: float = 1.0,
     ) -> None:
-        """Call `task` with parts of the (r, 2) ranges, in any order, each writing to
-        other places. `weight` is the work on an item over that on an element.
+        """Call `task` with parts of the ranges until all ranges are done.
+
+        Args:
+            task: is called with an (r, 2) array of ranges, in any order and in several
+                threads; each range must write to different places.
+            ranges: (r, 2) first index and stop index of each range.
+            work: on one index, relative to that on an element.
         """
         if self._pool is None or len(ranges) == 1:
             task(ranges)
             return
         lengths = ranges[:, 1] - ranges[:, 0]
-        ends, total = np.cumsum(lengths), int(lengths.sum())
-        threads = min(self.threads, max(1, int(total * weight / self.fewest)))
-        cuts = np.searchsorted(
-            ends - lengths / 2, total * np.arange(1, threads) / threads
-        )
+        stops = np.cumsum(lengths)
+        total = int(lengths.sum())
+        threads = min(self.threads, max(1, int(total * work / self.min_elements)))
+        targets = total * np.arange(1, threads) / threads
+        cuts = np.searchsorted(stops - lengths / 2, targets)
         first, *parts = [part for part in np.split(ranges, cuts) if len(part)]
-        others = [self._pool.submit(task, part) for part in parts]
+        futures = [self._pool.submit(task, part) for part in parts]
         task(first)
-        for other in others:
-            other.result()
+        for future in futures:
+            future.result()
 
 
-def pieces(count: int, length: int) -> NDArray[np.int64]:
-    """(r, 2) ranges that cut 0 to `count` into pieces of one length; the last may be
-    less.
+def split_range(count: int, length: int) -> NDArray[np.int64]:
+    """Return (r, 2) ranges of one length that cover 0 to `count`.
+
+    The last range may be shorter.
     """
-    if count <= length:  # in a tenth of the time, which tells on small fields
+    if count <= length:  # a tenth of the time of what follows, for small fields
         return np.array([[0, count]])
     first = np.arange(0, count, length)
     return np.stack([first, np.minimum(first + length, count)], axis=1)
 
 
-#: No threads but the caller's.
-ALONE = Workers()
+#: Runs everything in the caller's thread.
+SERIAL = Workers()
 
 
 @compiled
-def _dot(a, b, sums, ranges):  # type: ignore[no-untyped-def]
+def _dot(a, b, sums, ranges):
     for first, stop in ranges:
         total = 0.0
         for i in range(first, stop):
             total += a[i] * b[i]
-        sums[first // _PIECE] = total
+        sums[first // _RANGE_LENGTH] = total
 
 
 @compiled
-def _axpy(y, s, x, ranges):  # type: ignore[no-untyped-def]
+def _axpy(y, scale, x, ranges):
     for i in range(ranges[0, 0], ranges[-1, 1]):
-        y[i] += s * x[i]
+        y[i] += scale * x[i]
 
 
 @compiled
-def _xpay(p, s, z, ranges):  # type: ignore[no-untyped-def]
+def _xpay(p, scale, z, ranges):
     for i in range(ranges[0, 0], ranges[-1, 1]):
-        p[i] = z[i] + s * p[i]
+        p[i] = z[i] + scale * p[i]
 
 
-def dot(a: FloatArray, b: FloatArray, workers: Workers = ALONE) -> float:
-    """The sum of the products of two arrays of one shape."""
-    ranges = pieces(a.size, _PIECE)
-    sums = np.zeros(len(ranges))
-    workers.share(partial(_dot, np.ravel(a), np.ravel(b), sums), ranges, weight=_WEIGHT)
+def _run_by_entries(workers: Workers, task: Callable[..., Any], count: int) -> None:
+    """Call `task` with ranges of a vector's entries."""
+    workers.run(task, split_range(count, _RANGE_LENGTH), work=_ENTRY_WORK)
+
+
+def dot(a: FloatArray, b: FloatArray, workers: Workers = SERIAL) -> float:
+    """Return the sum of the products of two arrays of one shape."""
+    sums = np.zeros(a.size // _RANGE_LENGTH + 1)
+    task = partial(_dot, np.ravel(a), np.ravel(b), sums)
+    _run_by_entries(workers, task, a.size)
     return math.fsum(sums)
 
 
-def norm(a: FloatArray, workers: Workers = ALONE) -> float:
-    """The Euclidean norm."""
+def norm(a: FloatArray, workers: Workers = SERIAL) -> float:
+    """Return the Euclidean norm of an array of any shape."""
     return math.sqrt(dot(a, a, workers))
 
 
-def axpy(y: FloatArray, scale: float, x: FloatArray, workers: Workers = ALONE) -> None:
+def axpy(y: FloatArray, scale: float, x: FloatArray, workers: Workers = SERIAL) -> None:
     """Set y to y + scale x, in place."""
     task = partial(_axpy, y.reshape(-1), scale, x.reshape(-1))
-    workers.share(task, pieces(y.size, _PIECE), weight=_WEIGHT)
+    _run_by_entries(workers, task, y.size)
 
 
-def xpay(p: FloatArray, scale: float, z: FloatArray, workers: Workers = ALONE) -> None:
+def xpay(p: FloatArray, scale: float, z: FloatArray, workers: Workers = SERIAL) -> None:
     """Set p to z + scale p, in place."""
     task = partial(_xpay, p.reshape(-1), scale, z.reshape(-1))
-    workers.share(task, pieces(p.size, _PIECE), weight=_WEIGHT)
+    _run_by_entries(workers, task, p.size)

@@ -14,7 +14,7 @@ from epcontact.errors import InvalidScene
 from epcontact.scene import Body
 from fem_check import FemOptions, mesh_of, plasticity, surface_compliance
 from fem_check.driver import problem_of
-from fem_check.element import CORNERS, elastic_stiffness, elements
+from fem_check.element import CORNERS, elastic_stiffness, elements_of
 from fem_check.limit_load import STRIP_LIMIT, push, strip_punch
 from fem_check.mesh import (
     GROWTH,
@@ -23,7 +23,6 @@ from fem_check.mesh import (
     half_space_depth,
     moved_elements,
 )
-from fem_check.plasticity import law
 
 # The law, point by point
 # ---------------------------------------------------------------------
@@ -34,11 +33,14 @@ def return_map(strain, rule):
     Simo and Hughes, box 3.1, written with tensors.
     """
     mean = np.trace(strain) * np.eye(3)
-    trial = 2 * rule.shear * (strain - mean / 3)
+    trial = 2 * rule.shear_modulus * (strain - mean / 3)
     norm = np.linalg.norm(trial)
     over = max(norm - np.sqrt(2 / 3) * rule.yield_stress, 0.0)
-    multiplier = over / (2 * rule.shear + 2 / 3 * rule.hardening)
-    stress = trial * (1 - 2 * rule.shear * multiplier / norm) + rule.bulk * mean
+    multiplier = over / (2 * rule.shear_modulus + 2 / 3 * rule.hardening_modulus)
+    stress = (
+        trial * (1 - 2 * rule.shear_modulus * multiplier / norm)
+        + rule.bulk_modulus * mean
+    )
     return stress, np.sqrt(2 / 3) * multiplier
 
 
@@ -52,7 +54,7 @@ def brick(seed, yield_stress=0.02, hardening=0.0):
     history.
     """
     rng = np.random.default_rng(seed)
-    bricks = elements(
+    bricks = elements_of(
         np.arange(8)[None],
         np.zeros(1),
         (CORNERS + 0.1 * rng.standard_normal((8, 3)))[None],
@@ -61,7 +63,7 @@ def brick(seed, yield_stress=0.02, hardening=0.0):
     return (
         bricks,
         u,
-        law(2.0, 0.3, yield_stress, hardening),
+        plasticity.j2_law(2.0, 0.3, yield_stress, hardening),
         plasticity.initial_history(1),
     )
 
@@ -140,12 +142,12 @@ def column(count, poisson_ratio, path, *, sphere):
     rows = np.arange(12 * (count + 1))
     motion = sp.csr_matrix((np.tile(directions.ravel(), count + 1), (rows, rows // 12)))
     bricks, free = (
-        elements(nodes, np.arange(count), points[nodes]),
+        elements_of(nodes, np.arange(count), points[nodes]),
         np.arange(count + 1) > 0,
     )
     done = push(
         bricks,
-        law(1000.0, poisson_ratio, 1.0),
+        plasticity.j2_law(1000.0, poisson_ratio, 1.0),
         free,
         np.array([0]),
         path,

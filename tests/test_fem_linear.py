@@ -16,11 +16,11 @@ from epcontact.studies.hardness import model_scene
 from fem_check import driver, linearised, plasticity, solve_path
 from fem_check.contact import rigid_contact
 from fem_check.driver import problem_of
-from fem_check.limit_load import assembled, tangents
+from fem_check.limit_load import assemble, element_tangents
 from fem_check.linear_solver import (
     eliminate,
     factorise,
-    inverse,
+    inverse_transform,
     substitute,
     top_descent,
     transform,
@@ -29,10 +29,10 @@ from fem_check.linearised import Tangent, linear_contact
 from fem_check.mesh import PeriodicBlock, flat_elements, graded_layers
 from fem_check.options import FemOptions
 from fem_check.problem import Control
-from fem_check.smoother import Smoother, assemble
+from fem_check.smoother import Smoother, assemble_rows
 from fem_check.workers import Workers
 
-RULE = plasticity.law(1.7, 0.3, math.inf)
+RULE = plasticity.j2_law(1.7, 0.3, math.inf)
 
 # The block, wave by wave
 # ---------------------------------------------------------------------
@@ -54,7 +54,7 @@ def test_it_inverts_the_assembled_stiffness(shape, sliding):
     elastic = plasticity.layer_stiffness(bricks, RULE)[0][bricks.shape_of].reshape(
         -1, 24, 24
     )
-    product = (assembled(bricks, elastic) @ u.ravel()).reshape(u.shape)
+    product = (assemble(bricks, elastic) @ u.ravel()).reshape(u.shape)
     np.testing.assert_allclose(product, force, atol=1e-12 * np.abs(force).max())
     force[-1, ..., 2 if sliding else 0 :] = 0
     factor, pressing = factorise(block, bricks, RULE), -force[0, ..., 2]
@@ -69,7 +69,7 @@ def test_it_inverts_the_assembled_stiffness(shape, sliding):
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.45])
 def test_every_waves_compliance_converges_to_the_closed_form(nu, sliding):
     """Layer of depth 1/2 and equal layers: second order in the points a wave."""
-    rule, errors = plasticity.law(1.0, nu, math.inf), []
+    rule, errors = plasticity.j2_law(1.0, nu, math.inf), []
     grids, waves = np.array([32, 64, 128]), np.array([1, 2, 4])
     for n in grids:
         block = PeriodicBlock((n, 1), (1 / n, 1 / n), np.full(n // 2, 1 / n), sliding)
@@ -99,7 +99,7 @@ def test_the_solution_meets_every_condition(highest, share, cap):
     contact.
     """
     block = PeriodicBlock((32, 32), (1 / 32, 1 / 32), graded_layers(0.9, 1 / 32))
-    rule = plasticity.law(1.0, 0.3, math.inf)
+    rule = plasticity.j2_law(1.0, 0.3, math.inf)
     symbol = factorise(block, flat_elements(block), rule).surface
     heights, load = (
         rough_heights(32, highest),
@@ -131,7 +131,11 @@ def test_lines_where_full_steps_cycle_or_whole_nodes_carry_the_load(
 def meets_every_condition(symbol, heights, load, nodal_cap):
     solved = rigid_contact(symbol, heights, load=load, cap=nodal_cap)
     forces, states = solved.forces, solved.states
-    gap = inverse(symbol * transform(forces), len(heights)) - heights - solved.approach
+    gap = (
+        inverse_transform(symbol * transform(forces), len(heights))
+        - heights
+        - solved.approach
+    )
     gap /= heights.std()
     assert forces.sum() == pytest.approx(load, rel=1e-12)
     assert np.abs(gap[states == ELASTIC]).max(initial=0) < 1e-9
@@ -164,8 +168,8 @@ def flowing(*, dimensions=2, depth=None):
 
 def tangent_matrix(problem, correction, scale=1.0):
     stiffness = plasticity.layer_stiffness(problem.bricks, problem.law)
-    return assembled(
-        problem.bricks, tangents(problem.bricks, stiffness, correction, scale)
+    return assemble(
+        problem.bricks, element_tangents(problem.bricks, stiffness, correction, scale)
     )
 
 
@@ -176,7 +180,7 @@ def test_the_rows_are_the_assembled_tangents(dimensions, depth):
     """
     problem, state, correction = flowing(dimensions=dimensions, depth=depth)
     K = tangent_matrix(problem, correction, 0.9)
-    sweeps = Smoother(assemble(problem, correction, 0.9), state.states == ELASTIC)
+    sweeps = Smoother(assemble_rows(problem, correction, 0.9), state.states == ELASTIC)
     residual = np.random.default_rng(4).standard_normal(problem.block.field_shape)
     for swept in (sweeps.smooth(residual), sweeps.smooth(residual, transposed=True)):
         z, product = np.zeros_like(residual), np.zeros_like(residual)
@@ -202,14 +206,14 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
     direct, spent = np.zeros(right.size), []
     K = tangent_matrix(problem, correction)[keep][:, keep]
     direct[keep] = spsolve(K.tocsc(), right.ravel()[keep])
-    for worth in (linearised.WORTH_SMOOTHING, 0.0):
-        monkeypatch.setattr(linearised, "WORTH_SMOOTHING", worth)
+    for worth in (linearised.SMOOTHING_GOAL, 0.0):
+        monkeypatch.setattr(linearised, "SMOOTHING_GOAL", worth)
         tangent, control = (
             Tangent(problem, correction),
             Control(approach=state.approach),
         )
         found, counts = linear_contact(
-            state, right, tangent, control, forcing=1e-10, sweeps=1
+            state, right, tangent, control, forcing=1e-10, max_sweeps=1
         )
         # The surface solves inside an iteration stop at 1e-6: Newton's next step mends
         # the rest.
@@ -226,7 +230,9 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
 
 def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
     """Threads do not change a bit, however little they share."""
-    monkeypatch.setattr(driver, "Workers", lambda threads: Workers(threads, fewest=1))
+    monkeypatch.setattr(
+        driver, "Workers", lambda threads: Workers(threads, min_elements=1)
+    )
     scene, options = (
         model_scene(5.0, 0.3, 5, 32),
         {"layers": 16, "steps": 4, "certified": False},

@@ -46,7 +46,7 @@ TOKENS = {
     "epcontact.scene": 3_096,
     "epcontact.studies": 25_751,
     "epcontact.surfaces": 12_350,
-    "fem_check": 28_462,
+    "fem_check": 28_276,
     "lines of saved screens": 7_899,
     "tests": 135_347,
     "tests/laboratory": 22_511,

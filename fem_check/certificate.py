@@ -1,0 +1,83 @@
+"""An independent check of a converged state: the internal force by scikit-fem."""
+
+from __future__ import annotations
+
+import numpy as np
+from skfem import Basis, ElementHex1, LinearForm, MeshHex
+
+from epcontact.results import FloatArray
+from fem_check.element import CORNERS
+from fem_check.mesh import PeriodicBlock
+from fem_check.plasticity import History
+from fem_check.problem import Problem, State
+
+#: Rows of the stress tensor as indices into xx, yy, zz, xy, yz, zx.
+_ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
+
+
+def certify(
+    problem: Problem, state: State, history: History, largest_force: float
+) -> dict[str, float]:
+    """Return the residuals of the internal force that scikit-fem assembles.
+
+    Only the stresses come from the solver's own loops.  Their mean part is constant in
+    an element, so that the standard form  int sigma : grad(v) dV  is the internal force
+    of the B-bar element.
+
+    Args:
+        problem: the problem.
+        state: converged.
+        history: of the elements at this state.
+        largest_force: of the path in N, to which the residuals are relative.
+
+    Returns:
+        certified_balance: norm of the unbalanced nodal forces.
+        certified_load: difference of the reaction of the base from the contact forces.
+    """
+    block = problem.block
+    positions = block.positions()
+    force = np.zeros(block.field_shape)
+    for k in range(len(block.layers)):
+        stress, _ = problem.layer_stresses(state, history, k)
+        force[k : k + 2] += _layer_force(block, positions[k : k + 2], stress)
+    base_reaction = float(force[-1, ..., 2].sum())
+    load = float(state.forces.sum())
+    problem.force_on_unknowns(force)
+    force[0, ..., 2] += state.forces
+    balance = float(np.linalg.norm(problem.clear_base(force)))
+    scale = largest_force or 1.0  # without any force on the path, all forces are zero
+    return {
+        "certified_balance": balance / scale,
+        "certified_load": abs(base_reaction - load) / scale,
+    }
+
+
+def _layer_force(
+    block: PeriodicBlock, positions: FloatArray, stress: FloatArray
+) -> FloatArray:
+    """Return the (2, nx, ny, 3) internal force of one layer of elements, in N.
+
+    `positions` (2, nx, ny, 3) in m are those of the levels above and below the layer,
+    `stress` (nx ny, 6, 8) is in Pa.  The mesh of scikit-fem has (nx + 1) (ny + 1)
+    columns of nodes; the last ones are copies of the first.
+    """
+    nx, ny = block.shape
+    level, i, j = np.indices((2, nx + 1, ny + 1)).reshape(3, -1)
+    node = level, i % nx, j % ny
+    points = positions[node].T.copy()
+    points[0] += (i == nx) * nx * block.spacing[0]
+    points[1] += (j == ny) * ny * block.spacing[1]
+    number = np.arange(level.size).reshape(2, nx + 1, ny + 1)
+    corners = [number[1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in CORNERS]
+    mesh = MeshHex(points, np.stack(corners), validate=False, sort_t=False)
+    basis = Basis(mesh, ElementHex1(), intorder=2)
+    form = LinearForm(
+        lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2]
+    )
+    force = np.zeros((2, nx, ny, 3))
+    for component in range(3):
+        x, y, z = stress[:, _ROWS[component]].swapaxes(0, 1)
+        nodal = form.assemble(basis, x_=x, y_=y, z_=z)
+        # Degree of freedom n of scikit-fem's scalar basis is not node n in general.
+        np.add.at(force[..., component], node, nodal[basis.nodal_dofs[0]])
+    return force
