@@ -3,8 +3,11 @@
 import argparse
 from collections import Counter
 
-from breaking.check import functions_with, reason_stale
-from breaking.table import FAULTS, is_pattern
+from breaking.check import candidates, reason_stale
+from breaking.table import FAULTS
+
+#: Number of functions that are named as candidates for the place of a stale fault.
+MOST_CANDIDATES = 4
 
 
 def main():
@@ -37,7 +40,7 @@ def print_faults(faults):
 
 
 def print_stale(faults):
-    """Print each stale fault with the reason, and which functions have its place.
+    """Print each stale fault with the reason, and functions that may have its place.
 
     Return how many are stale.
     """
@@ -48,9 +51,9 @@ def print_stale(faults):
             continue
         stale += 1
         print(f"{fault.what}\n    {reason}")
-        if is_pattern(fault.path, fault.place):
-            names = functions_with(fault.place, fault.path)
-            print(f"    functions with the pattern: {', '.join(names) or 'none'}")
+        paths = candidates(fault)[:MOST_CANDIDATES]
+        if paths:
+            print(f"    now perhaps: {', '.join(paths)}")
     print(f"{stale} of {len(faults)} faults are stale")
     return stale
 

@@ -1,12 +1,14 @@
 """Find the faults that no longer fit the code, without running what sees them."""
 
 import ast
+import functools
 import re
 
 import pytest
 
 from breaking.fault import TESTS, gates_of
 from breaking.rewrite import StaleFault, has_place
+from breaking.table import is_pattern
 from epcontact.errors import EpcontactError
 
 ROOT = TESTS.parent
@@ -40,13 +42,37 @@ def require_test(name):
         raise StaleFault(f"{name} does not exist")
 
 
-def functions_with(place, path):
-    """Return the names of functions that hold a place, in the file of a path."""
-    parts = path.split(".")
-    files = [ROOT.joinpath(*parts[:end]).with_suffix(".py") for end in (-1, -2)]
-    names = []
-    for file in filter(lambda file: file.is_file(), files):
-        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-            if isinstance(node, ast.FunctionDef) and has_place(node, place):
-                names.append(node.name)
-    return names
+def candidates(fault):
+    """Return paths of functions that may have taken over the place of a stale fault.
+
+    They hold the pattern of the place, or have the name of the function.  Functions of
+    the same file come before all others.
+    """
+    paths = []
+    for module, function in functions():
+        if is_pattern(fault.path, fault.place):
+            fits = has_place(function, fault.place)
+        else:
+            fits = function.name == fault.path.rpartition(".")[2]
+        if fits:
+            paths.append(f"{module}.{function.name}")
+    return [path for path in paths if is_beside(path, fault.path)] or paths
+
+
+def is_beside(path, other):
+    """Return whether two functions, or methods, may be in one file."""
+    module = path.rpartition(".")[0]
+    return other.startswith(f"{module}.")
+
+
+@functools.cache
+def functions():
+    """Return the module and the syntax tree of each function of the product."""
+    found = []
+    for package in ("epcontact", "fem_check"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+            for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    found.append((module, node))
+    return found
