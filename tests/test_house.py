@@ -45,7 +45,7 @@ TOKENS = {
     "epcontact.results": 2_005,
     "epcontact.scene": 3_096,
     "epcontact.studies": 25_751,
-    "epcontact.surfaces": 12_350,
+    "epcontact.surfaces": 12_815,
     "fem_check": 28_276,
     "lines of saved screens": 7_899,
     "tests": 135_347,

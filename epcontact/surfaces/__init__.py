@@ -10,8 +10,10 @@ The same classes check the table [surface] of a case file, which selects one by 
     measured        heights from an array, a file or a result
     treatment       holes, form, edges and band of measured maps
     readers         the file formats
+    text_tables     tables of numbers in text files
+    height_map      the heights of a file, and maps from lists of points
     spectrum        analytic spectra: densities and moments in closed form
-    power_spectrum  spectrum, moments and statistics of any surface's heights, and filters
+    power_spectrum  spectrum, moments and statistics of any heights, and filters
 """
 
 from epcontact.surfaces.measured import (

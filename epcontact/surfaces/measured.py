@@ -26,7 +26,8 @@ from epcontact.scene import (
     set_frozen,
     warn_user,
 )
-from epcontact.surfaces.readers import HeightMap, file_digest, read_heights
+from epcontact.surfaces.height_map import HeightMap
+from epcontact.surfaces.readers import file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
     Recipe,

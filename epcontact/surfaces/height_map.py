@@ -1,0 +1,80 @@
+"""The heights of a file, as it stores them, and maps from lists of points on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
+
+#: Distance of a coordinate from a regular grid, over its step, that counts as none:
+#: files keep few digits.
+_OFF_GRID = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """The heights of a file, as it stores them."""
+
+    heights: NDArray[Any]  #: (nx, ny) or (nx,), NaN where a height is missing.
+    in_metres: bool = False  #: Whether the file gives its unit: heights are then in m.
+    #: Lengths of the map in the unit of the heights, if the file gives them.
+    periods: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()  #: Sentences on how the file was read.
+    #: Mask of the heights that were filled before, if the file is a result with some.
+    filled: NDArray[np.bool_] | None = None
+
+
+def map_of_points(points: FloatArray, path: Path) -> HeightMap:
+    """Return the map of points on a regular grid; NaN where the grid has no point.
+
+    Args:
+        points: x, y and height of each point, (n, 3), in any order.
+        path: the file of the points, for a message.
+
+    Raises:
+        InvalidScene: The points lie on no grid, on less than half of its places, or
+            above each other.
+    """
+    has_columns = points.shape[1:] == (3,) and len(points) >= 4
+    if has_columns and np.isfinite(points[:, :2]).all():
+        x, dx = _grid_indices(points[:, 0])
+        y, dy = _grid_indices(points[:, 1])
+        nx = int(x.max()) + 1
+        ny = int(y.max()) + 1
+        is_grid = dx * dy > 0 and min(nx, ny) >= 2
+        if is_grid and nx * ny <= 2 * len(points):
+            heights = np.full((nx, ny), np.nan)
+            heights[x, y] = points[:, 2]
+            none_above_another = np.array_equal(
+                heights[x, y], points[:, 2], equal_nan=True
+            )
+            if none_above_another:
+                return HeightMap(heights, periods=(nx * dx, ny * dy))
+    raise InvalidScene(
+        f"{path}: its points are no height map: they lie on no regular grid in x and "
+        "y, or above each other; sample them on a grid first, or export the heights "
+        "alone, line by line"
+    )
+
+
+def _grid_indices(values: FloatArray) -> tuple[NDArray[np.intp], float]:
+    """Return the index of each coordinate on an even grid, and the step of the grid.
+
+    The step is 0 if there is no such grid.
+    """
+    span = float(np.ptp(values))
+    if span == 0:
+        return np.zeros(values.size, np.intp), 0.0
+    gaps = np.diff(np.unique(values))
+    usual_gap = float(np.median(gaps[gaps > _OFF_GRID * gaps.max()]))
+    step = span / round(span / usual_gap)
+    positions = (values - values.min()) / step
+    index = np.rint(positions).astype(np.intp)
+    is_even = np.abs(positions - index).max() <= _OFF_GRID
+    return index, step if is_even else 0.0

@@ -1,0 +1,203 @@
+"""Heights from tables of numbers in text, as instruments and spreadsheets write them.
+
+The separator is a semicolon, a tabulator, a comma or white space.  With any but the
+comma, numbers may have a decimal comma.  Lines above the table that do not begin with a
+number are its header, and # begins a comment.  Empty cells and NaN are points without a
+height.  Text that is not UTF-8 is read as UTF-16 if it begins like it, otherwise as
+Latin-1.  The heights of a table are as in a picture: x runs along its lines.  Three
+columns of x, y and height on a grid are a map, whose missing points have no height.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from epcontact.errors import InvalidScene
+from epcontact.results import FloatArray
+from epcontact.surfaces.height_map import HeightMap, map_of_points
+
+#: Words for a point without a height.
+MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
+#: The note on heights that are stored as in a picture.
+AS_PICTURE = (
+    "x runs along the lines of the file and y from line to line, as in its picture"
+)
+#: Most characters of a wrong cell that a message shows.
+_SHOWN = 40
+#: Most lines that are searched for commas which separate and are decimal, too.
+_SEARCHED = 16
+
+
+def read_table(path: Path) -> HeightMap:
+    """Return the heights of a text file; a single row or column of numbers is a line.
+
+    Raises InvalidScene, with the number of the line, if it is no table of numbers.
+    """
+    text, encoding = _decode(path.read_bytes())
+    lines = _numbered_lines(text)
+    if not lines or "\0" in text:
+        raise InvalidScene(f"{path}: is no table of numbers")
+    rows_of_text = list(lines.values())
+    separator, decimal = _number_format(rows_of_text[-1])
+    if separator == "," and _has_decimal_commas(rows_of_text[-_SEARCHED:]):
+        raise InvalidScene(
+            f"{path}: its commas separate the numbers and are decimal commas, too; "
+            "separate the numbers by ; or tabs, or write them with points"
+        )
+    try:
+        table = np.array(list(_rows(lines, separator, decimal)))
+    except ValueError as error:
+        raise InvalidScene(f"{path}: is no table of numbers: {error}") from None
+    header = len(lines) - len(table)
+    if table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
+        table = table[:, :-1]  # each line ends with a separator
+    lists_points = _lists_points(table) or path.suffix.lower() == ".xyz"
+    notes: list[str] = []
+    if not lists_points:
+        notes += _coordinate_notes(table)
+    if header:
+        notes.append(f"lines skipped above the table of heights: {header}")
+    if decimal == ",":
+        notes.append("the commas of the file were read as decimal commas")
+    if encoding != "utf-8":
+        notes.append(f"the file is no UTF-8 and was read as {encoding}")
+    if lists_points:
+        notes.append("its columns are x, y and height, all in one unit")
+        return replace(map_of_points(table, path), notes=tuple(notes))
+    if 1 in table.shape:
+        return HeightMap(table.ravel(), notes=tuple(notes))
+    return HeightMap(table.T, notes=(*notes, AS_PICTURE))
+
+
+def _decode(content: bytes) -> tuple[str, str]:
+    """Return the text of a file, and its encoding."""
+    encoding = "UTF-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
+    try:
+        return content.decode(encoding), encoding
+    except UnicodeDecodeError:
+        return content.decode("latin-1"), "Latin-1"
+
+
+def _numbered_lines(text: str) -> dict[int, str]:
+    """Return the lines that are more than a comment, by their numbers from 1."""
+    text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
+    lines = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        content = line.partition("#")[0].strip(" \r\n\ufeff")
+        if content:
+            lines[number] = content
+    return lines
+
+
+def _number_format(line: str) -> tuple[str | None, str]:
+    """Return the separator (None: white space) and the decimal mark of a line."""
+    has_comma = "," in line
+    decimal = "," if has_comma else "."
+    for separator in (";", "\t"):
+        if separator in line:
+            return separator, decimal
+    cells = line.split()
+    decimal_commas = all(re.fullmatch(r"[^,]*\d,\d[^,]*|[^,]+", cell) for cell in cells)
+    if not has_comma or (len(cells) > 1 and decimal_commas):
+        return None, decimal
+    return ",", "."
+
+
+def _has_decimal_commas(lines: list[str]) -> bool:
+    """Return whether commas that separate numbers of these lines are decimal, too.
+
+    Every second cell then holds decimals: digits of one length, some with a zero in
+    front.
+    """
+    rows = [line.rstrip(", ").split(",") for line in lines]
+    if any(len(row) % 2 for row in rows):
+        return False
+    decimals = [cell.strip() for row in rows for cell in row[1::2]]
+    one_length = len({len(cell) for cell in decimals}) == 1
+    if not one_length or not all(cell.isdigit() for cell in decimals):
+        return False
+    return any(re.match(r"0\d", cell) for cell in decimals)
+
+
+def _rows(
+    lines: dict[int, str], separator: str | None, decimal: str
+) -> Iterator[list[float]]:
+    """Yield the numbers of each line below the header.
+
+    Raises ValueError, with the number of the line, if a line of the table holds
+    anything else, or another number of cells than the line above.
+    """
+    # With a decimal comma, a point makes no number.
+    marks = str.maketrans(",.", ".,") if decimal == "," else {}
+    width = 0
+    for number, line in lines.items():
+        try:
+            row = [_value(cell.strip(), marks) for cell in line.split(separator)]
+        except ValueError as error:
+            message = f"line {number} holds {error}"
+            if width:
+                raise ValueError(message) from None
+            if re.match(r"[+-]?[.,]?\d", line):
+                raise ValueError(
+                    f"{message}; begin the lines of a header with #, and separate "
+                    "numbers by ; , tabs or spaces"
+                ) from None
+            continue  # a line of the header
+        if width not in (0, len(row)):
+            raise ValueError(
+                f"line {number} holds {len(row)} numbers, the one above {width}"
+            )
+        width = len(row)
+        yield row
+    if not width:
+        raise ValueError("no line begins with a number")
+
+
+def _value(cell: str, marks: dict[int, int]) -> float:
+    """Return the number in a cell, or NaN for a point without a height.
+
+    Raises ValueError, with the cell, if it holds anything else.  `marks` translates
+    the decimal mark into a point.
+    """
+    if cell.lower() in MISSING:
+        return math.nan
+    try:
+        return float(cell.translate(marks))
+    except ValueError:
+        shown = cell if len(cell) <= _SHOWN else cell[: _SHOWN - 1] + "…"
+        raise ValueError(repr(shown)) from None
+
+
+def _lists_points(table: FloatArray) -> bool:
+    """Return whether the first two of three columns are the coordinates of a grid."""
+    if table.shape[1] != 3 or len(table) < 4:
+        return False
+    points = len(np.unique(table[:, :2], axis=0))
+    places = np.unique(table[:, 0]).size * np.unique(table[:, 1]).size
+    return points == len(table) and places <= 2 * points
+
+
+def _coordinate_notes(table: FloatArray) -> Iterator[str]:
+    """Yield a note if the first column or line may hold coordinates instead of heights.
+
+    It has even steps then, and its neighbour has not.
+    """
+    for part, columns in (("column", table), ("line", table.T)):
+        # The corner between the coordinates of both axes may be empty.  The difference
+        # of the largest numbers would overflow without the factor.
+        steps = np.diff(columns[1:, :2] / 4, axis=0)
+        if steps.shape[0] >= 8 and steps.shape[1] == 2:
+            first_is_even, second_is_even = np.ptp(steps, axis=0) < 0.01 * np.abs(
+                steps[0]
+            )
+            if first_is_even and not second_is_even:
+                yield (
+                    f"the first {part} of the file has even steps; if these are "
+                    "coordinates, leave them out"
+                )
