@@ -10,7 +10,8 @@ import sys
 import types
 import warnings
 import zipfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import meshio
@@ -654,45 +655,60 @@ def test_broken_files_end_in_a_sentence(write, name, content, words):
     assert "\n" not in str(caught.value)
 
 
-def topography(unit="nm", *, hole=False, even=True, scale=1e9):
-    """What SurfaceTopography makes of a file, as far as it is used here."""
-    return types.SimpleNamespace(
-        unit=unit,
-        is_uniform=even,
-        physical_sizes=(2 * scale, 3 * scale),
-        heights=lambda: np.ma.masked_array(scale * MAP, hole),
-        to_unit=lambda unit: topography(unit, hole=hole, even=even, scale=1.0),
-    )
+@dataclass
+class Topography:
+    """The part of SurfaceTopography's topographies that is used here."""
+
+    unit: str | None = "nm"
+    hole: Any = False
+    is_uniform: bool = True
+    scale: float = 1e9
+
+    @property
+    def physical_sizes(self):
+        return 2 * self.scale, 3 * self.scale
+
+    def heights(self):
+        return np.ma.masked_array(self.scale * MAP, self.hole)
+
+    def to_unit(self, unit):
+        return replace(self, unit=unit, scale=1.0)
+
+
+def unreadable_topography():
+    raise KeyError("tried XYZReader:\n no grid")
 
 
 def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
     path = write("map.sur", b"DIGITAL SURF")
 
-    def read(make, **options):
-        opened = contextlib.nullcontext(types.SimpleNamespace(topography=make))
-        module: Any = types.SimpleNamespace(open_topography=lambda _: opened)
+    def read(topography, **options):
+        def open_topography(_):
+            return contextlib.nullcontext(types.SimpleNamespace(topography=topography))
+
+        module: Any = types.SimpleNamespace(open_topography=open_topography)
         monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
         return HeightsFromFile(path, **{"treatment": "refuse"} | options)
 
-    assert read(topography).periods == pytest.approx((2.0, 3.0))
-    assert read(topography).build().heights == pytest.approx(MAP, rel=1e-14)
-    assert read(topography, periods=(5.0, 6.0)).periods == (5.0, 6.0)
-    with_unit = read(lambda: topography(None), periods=(2.0, 3.0), unit=1e-9).build()
+    assert read(Topography).periods == pytest.approx((2.0, 3.0))
+    assert read(Topography).build().heights == pytest.approx(MAP, rel=1e-14)
+    assert read(Topography, periods=(5.0, 6.0)).periods == (5.0, 6.0)
+    with_unit = read(partial(Topography, None), periods=(2.0, 3.0), unit=1e-9).build()
     assert with_unit.heights == pytest.approx(MAP, rel=1e-14)
-    for make, options, sentence in (
-        (topography, {"unit": 1e-6}, "knows the unit"),
-        (lambda: topography(None), {}, "in which unit"),
-        (lambda: topography(None), {"unit": 1e-9}, "does not say how large"),
-        (lambda: topography(hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
-        (lambda: topography(even=False), {}, "no regular grid"),
+    for topography, options, sentence in (
+        (Topography, {"unit": 1e-6}, "knows the unit"),
+        (partial(Topography, None), {}, "in which unit"),
+        (partial(Topography, None), {"unit": 1e-9}, "does not say how large"),
+        (partial(Topography, hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
+        (partial(Topography, is_uniform=False), {}, "no regular grid"),
         (
-            lambda: {}["tried XYZReader:\n no grid"],
+            unreadable_topography,
             {},
             r"tried XYZReader:.*no grid.*; export the",
         ),
     ):
         with refused(sentence):
-            read(make, **options).build()
+            read(topography, **options).build()
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with refused(r"SurfaceTopography; pip install 'epcontact\[instr"):
         HeightsFromFile(path, (1.0, 1.0))
