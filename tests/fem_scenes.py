@@ -6,25 +6,26 @@ from epcontact.scene import Body, Load, Material, Scene, Surface
 
 
 def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
-    """Self-affine heights of unit period, wave numbers 1 to `highest` per period, Hurst
-    exponent 0.8, rms slope `slope`.  The waves do not depend on `nodes`: grids refine
+    """Return self-affine heights of unit period.
+
+    They have the wave numbers 1 to `highest` per period, a Hurst exponent of 0.8 and
+    the rms slope `slope`.  The waves do not depend on the number of nodes: grids refine
     one surface.
     """
     rng = np.random.default_rng(seed)
-    waves, shape = np.arange(-highest, highest + 1), (2 * highest + 1,) * dimensions
-    q = np.sqrt(sum(g.astype(float) ** 2 for g in np.meshgrid(*[waves] * dimensions)))
-    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    waves = np.arange(-highest, highest + 1)
+    q = np.hypot.reduce(np.meshgrid(*[waves] * dimensions))
+    noise = rng.standard_normal(q.shape) + 1j * rng.standard_normal(q.shape)
+    exponent = {1: -1.3, 2: -1.8}[dimensions]
     inside = (q > 0) & (q <= highest)
-    power = np.where(inside, q, 1.0) ** (-1.8 if dimensions == 2 else -1.3)
-    amplitude = np.where(inside, power, 0.0) * noise
+    amplitude = np.where(inside, np.where(inside, q, 1.0) ** exponent, 0.0) * noise
     spectrum = np.zeros((nodes,) * dimensions, dtype=complex)
     spectrum[np.ix_(*[waves % nodes] * dimensions)] = amplitude
-    # The real part of a sum of waves: half of each wave and of its mirror.
     heights = np.fft.ifftn(spectrum).real * nodes**dimensions
-    mirrored = (amplitude + np.flip(amplitude).conj()) / 2
-    return np.asarray(
-        heights * slope / np.sqrt(np.sum(np.abs(mirrored * 2 * np.pi * q) ** 2))
-    )
+    # The real part of a sum of waves has half of each wave and of its mirror image.
+    real_amplitude = (amplitude + np.flip(amplitude).conj()) / 2
+    rms_slope = np.sqrt(np.sum(np.abs(real_amplitude * 2 * np.pi * q) ** 2))
+    return heights * slope / rms_slope
 
 
 def rough_scene(
@@ -40,15 +41,12 @@ def rough_scene(
     slope=0.05,
     body=None,
 ):
-    """A rough scene with E* xi = 1 at slope 0.05, so pressures are in units of E*
-    xi.
-    """
+    """Return a rough scene with E* xi = 1, so that pressures are in units of E* xi."""
     heights = rough_heights(
         nodes, highest, seed=seed, slope=slope, dimensions=dimensions
     )
-    material = Material(
-        (1 - poisson_ratio**2) / slope, poisson_ratio, hardness, yield_stress
-    )
+    young_modulus = (1 - poisson_ratio**2) / slope
+    material = Material(young_modulus, poisson_ratio, hardness, yield_stress)
     surface = Surface(heights, (1.0,) * dimensions, seed=seed)
     return Scene(surface, material, Load(pressure), body or Body())
 
@@ -62,23 +60,26 @@ def sphere_scene(
     yield_stress=np.inf,
     offset=(0.21, 0.37),
 ):
-    """A sphere of R = 1 m and E = 1 Pa under `force` (N); a contact of radius 0.05 m would have
-    `nodes_to_rim` nodes along its radius.  offset: of its top from a node, in spacings.
+    """Return a sphere of R = 1 m and E = 1 Pa under a force in N.
+
+    A contact of radius 0.05 m would have `nodes_to_rim` nodes along its radius.  The
+    top of the sphere is `offset` spacings from a node.
     """
     period = nodes * 0.05 / nodes_to_rim
-    x, y = (((np.arange(nodes) + o) / nodes - 0.5) * period for o in offset)
+    x, y = (np.arange(nodes) + np.reshape(offset, (2, 1))) * (period / nodes)
+    heights = -((x[:, None] - period / 2) ** 2 + (y - period / 2) ** 2) / 2
     return Scene(
-        Surface(-(x[:, None] ** 2 + y[None, :] ** 2) / 2, (period, period)),
+        Surface(heights, (period, period)),
         Material(1.0, poisson_ratio, yield_stress=yield_stress),
         Load(force / period**2),
     )
 
 
-#: The first of the cases fem-model, as a file of its own that tests can change.
+#: A case file with the first of the cases of cases/fem-model.toml, to be changed.
 J2_CASE = """
 [case]
 id = "fem-model-5"
-requirement = "J2 flow carries the load on more area than a pressure cap at 3 sigma_Y does."
+requirement = "J2 flow carries the load on more area than a cap at 3 sigma_Y does."
 source = "made for the tests"
 methods = ["fem", "bem"]
 
@@ -119,8 +120,7 @@ source = "the load"
 because = "the tolerance of the solver"
 """
 
-#: A gate that only J2 flow on a flat block, under one load and beside a cap, can
-#: answer.
+#: A gate that compares J2 flow with a cap: it needs a flat block and one load.
 MODEL_GATE = """
 [[gate]]
 quantity = "quantity.model_area"

@@ -1,90 +1,96 @@
-"""Yield of perfectly plastic solids under contact and pressure: onset, a limit, a
-cavity, and fits.
+"""Yield of perfectly plastic solids: onset, limit loads, a cavity model, and fits.
 
-Y = yield_stress (Pa, uniaxial), nu = poisson_ratio, E* = effective_modulus (Pa), R =
-radius (m), a = contact radius (m), p_0 = peak and p_m = mean contact pressure (Pa).
-The fits are to finite elements, not closed forms: at equal load their areas differ by
-up to 7 %.
+In all functions yield_stress is Y, uniaxial in Pa, poisson_ratio is nu,
+effective_modulus is E* in Pa, radius is R in m, p_0 is the peak of a contact pressure
+and p_m its mean.
+The fits are to finite elements, and no closed forms: at equal load their areas differ
+by up to 7 %.
 """
 
 import math
 
 from scipy.optimize import minimize_scalar
 
-Triple = tuple[float, float, float]
 
+def sphere_axis_stresses(depth, poisson_ratio):
+    """Return (sigma_r, sigma_z)/p_0 on the axis of a Hertzian contact of a sphere.
 
-def sphere_axis_stresses(depth, nu):
-    """(sigma_r, sigma_z)/p_0 on the axis of a Hertzian sphere contact at z/a = depth,
-    tension positive; the hoop stress is sigma_r.  Johnson (1985), equations 3.45.
+    `depth` is z/a with the contact radius a; tension is positive, and the hoop stress
+    is sigma_r.  Johnson (1985), equations 3.45.
     """
     axial = -1 / (1 + depth**2)
-    return -(1 + nu) * (1 - depth * math.atan2(1, depth)) - axial / 2, axial
+    bulk = -(1 + poisson_ratio) * (1 - depth * math.atan2(1, depth))
+    return bulk - axial / 2, axial
 
 
-def sphere_onset(nu):
-    """(p_0/Y, z/a) at first yield under a sphere, von Mises and Tresca alike, on the
-    axis.
+def sphere_onset(poisson_ratio):
+    """Return (p_0/Y, z/a) at first yield under a sphere, which is on the axis.
+
+    Von Mises and Tresca agree there.
     """
 
     def negative_stress(depth):
-        radial, axial = sphere_axis_stresses(depth, nu)
+        radial, axial = sphere_axis_stresses(depth, poisson_ratio)
         return axial - radial
 
-    options = {"xatol": 1e-9}
     best = minimize_scalar(
-        negative_stress, bounds=(0, 1), method="bounded", options=options
+        negative_stress, bounds=(0, 1), method="bounded", options={"xatol": 1e-9}
     )
-    return -1 / float(best.fun), float(best.x)
+    return -1 / best.fun, best.x
 
 
-def sphere_onset_force(radius, modulus, yield_stress, nu):
-    """F = (pi^3 R^2/(6 E*^2)) p_0^3 in N with p_0 from `sphere_onset`."""
-    return (
-        math.pi**3
-        * radius**2
-        * (sphere_onset(nu)[0] * yield_stress) ** 3
-        / (6 * modulus**2)
-    )
+def sphere_onset_force(radius, effective_modulus, yield_stress, poisson_ratio):
+    """Return the force at first yield in N: (pi^3 R^2/(6 E*^2)) p_0^3."""
+    peak = sphere_onset(poisson_ratio)[0] * yield_stress
+    return math.pi**3 * radius**2 * peak**3 / (6 * effective_modulus**2)
 
 
 def thick_sphere_pressure(c, a, b, yield_stress):
-    """Inner pressure in Pa at which a hollow sphere of radii a to b has yielded out to
-    c.
+    """Return the inner pressure at which a hollow sphere has yielded out to c, in Pa.
 
-    c = a is the onset, c = b the collapse, 2 Y ln(b/a).  Hill (1950), chapter 5.
+    The sphere has the radii a to b.  c = a is the onset, and c = b the collapse, at
+    2 Y ln(b/a).  Hill (1950), chapter 5.
     """
     return 2 * yield_stress * (math.log(c / a) + (1 - (c / b) ** 3) / 3)
 
 
-def cavity_mean_pressure(a, radius, young, Y, nu):
-    """Johnson's expanding cavity (1985, section 6.3): mean pressure in Pa under a
-    sphere.
+def cavity_mean_pressure(a, radius, young_modulus, yield_stress, poisson_ratio):
+    """Return the mean pressure under a sphere by the cavity model, in Pa.
 
-    A core of radius a, p_m = Y [2/3 + 2 ln(c/a)], whose volume feeds an elastic-plastic
-    sphere of radius c.  Validity: between the onset and full plasticity.
+    A core of the contact radius a (m) under p_m = Y [2/3 + 2 ln(c/a)] feeds an
+    elastic-plastic sphere of radius c with its volume.  Valid between the onset and
+    full plasticity.  Johnson (1985), section 6.3.
     """
-    cubed = (young * a / (Y * radius) + 4 * (1 - 2 * nu)) / (6 * (1 - nu))
-    return 2 / 3 * Y * (1 + math.log(cubed))
+    strain = young_modulus * a / (yield_stress * radius)
+    cubed = (strain + 4 * (1 - 2 * poisson_ratio)) / (6 * (1 - poisson_ratio))
+    return 2 / 3 * yield_stress * (1 + math.log(cubed))
 
 
-# Fits to finite elements: (interference, force, area) at first yield, and (force, area)
-# over these at the interference x over its critical value.
+# Fits to finite elements.  The critical values are (interference in m, force in N, area
+# in m^2) at first yield.  The fits return force and area over these values, at the
+# interference x over its critical value.
 
 
-def _hertz(ratio, radius, modulus):
-    w = (math.pi * ratio / 2) ** 2 * radius
-    return w, 4 / 3 * modulus * math.sqrt(radius) * w**1.5, math.pi * radius * w
+def _hertz_at(pressure_ratio, radius, effective_modulus):
+    """Return the critical values if p_0 is E* times the ratio at first yield."""
+    interference = (math.pi * pressure_ratio / 2) ** 2 * radius
+    force = 4 / 3 * effective_modulus * math.sqrt(radius) * interference**1.5
+    return interference, force, math.pi * radius * interference
 
 
-def kogut_etsion_critical(radius, modulus, yield_stress, nu):
-    """Journal of Applied Mechanics 69 (2002) 657: K = 0.454 + 0.41 nu, H = 2.8 Y."""
-    return _hertz((0.454 + 0.41 * nu) * 2.8 * yield_stress / modulus, radius, modulus)
+def kogut_etsion_critical(radius, effective_modulus, yield_stress, poisson_ratio):
+    """Return critical values with K = 0.454 + 0.41 nu and H = 2.8 Y.
+
+    Journal of Applied Mechanics 69 (2002) 657.
+    """
+    peak = (0.454 + 0.41 * poisson_ratio) * 2.8 * yield_stress
+    return _hertz_at(peak / effective_modulus, radius, effective_modulus)
 
 
-def kogut_etsion(x, nu):
-    """A fit in pieces, discontinuous by up to 8 % at its joints; beyond 110 full
-    plasticity.
+def kogut_etsion(x, poisson_ratio):
+    """Return the fit in pieces, which jumps by up to 8 % at its joints.
+
+    Beyond x = 110 the contact is fully plastic.
     """
     if x <= 1:
         return x**1.5, x
@@ -92,30 +98,30 @@ def kogut_etsion(x, nu):
         return 1.03 * x**1.425, 0.93 * x**1.136
     if x <= 110:
         return 1.40 * x**1.263, 0.94 * x**1.146
-    return 3 * x / (0.454 + 0.41 * nu), 2 * x
+    return 3 * x / (0.454 + 0.41 * poisson_ratio), 2 * x
 
 
-def jackson_green_critical(radius, modulus, yield_stress, nu):
-    """Journal of Tribology 127 (2005) 343: C = 1.295 e^(0.736 nu)."""
-    return _hertz(
-        1.295 * math.exp(0.736 * nu) * yield_stress / modulus, radius, modulus
-    )
+def jackson_green_critical(radius, effective_modulus, yield_stress, poisson_ratio):
+    """Return critical values with C = 1.295 e^(0.736 nu).
+
+    Journal of Tribology 127 (2005) 343.
+    """
+    peak = 1.295 * math.exp(0.736 * poisson_ratio) * yield_stress
+    return _hertz_at(peak / effective_modulus, radius, effective_modulus)
 
 
-def jackson_green(x, radius, modulus, yield_stress, nu):
-    """Hertz for x <= 1.9.  Beyond it the hardness falls with a/R; fitted for a/R <=
-    0.41.
+def jackson_green(x, radius, effective_modulus, yield_stress, poisson_ratio):
+    """Return the fit, which is Hertz for x <= 1.9.
+
+    Beyond it the hardness falls with a/R; the fit holds for a/R <= 0.41.
     """
     if x <= 1.9:
         return x**1.5, x
-    critical = jackson_green_critical(radius, modulus, yield_stress, nu)
-    area = x * (x / 1.9) ** (0.14 * math.exp(23 * yield_stress / modulus))
-    slope = math.sqrt(area * critical[2] / math.pi) / radius
+    solid = (radius, effective_modulus, yield_stress, poisson_ratio)
+    critical_area = jackson_green_critical(*solid)[2]
+    area = x * (x / 1.9) ** (0.14 * math.exp(23 * yield_stress / effective_modulus))
+    slope = math.sqrt(area * critical_area / math.pi) / radius
     hardness = 2.84 * (1 - math.exp(-0.82 * slope**-0.7))
-    plastic = (
-        4
-        * hardness
-        / (1.295 * math.exp(0.736 * nu))
-        * (1 - math.exp(-(x ** (5 / 9)) / 25))
-    )
+    fraction = 1 - math.exp(-(x ** (5 / 9)) / 25)
+    plastic = 4 * hardness / (1.295 * math.exp(0.736 * poisson_ratio)) * fraction
     return math.exp(-(x ** (5 / 12)) / 4) * x**1.5 + plastic * x, area
