@@ -122,7 +122,7 @@ def _generate(app: Any) -> None:
     }
     written = pages.get_template("registries.md.jinja").render(registries)
     (folder / "registries.md").write_text(written)
-    laws = conductance.ratios(conductance.kept().query("breadth == 8"))
+    laws = conductance.ratios(conductance.table_of_package().query("breadth == 8"))
     table = laws.rename(columns={"law": "series"})
     Chart(conductance.law_map(table), list(table), table.to_numpy().tolist(), "").save(
         folder / "conductance"

@@ -122,7 +122,9 @@ def test_the_ledger_of_the_package_rests_on_its_tables():
     laws = rows[rows["pair"] == "law epcontact – BEM"][
         ["load", "hardness", "reference"]
     ]
-    kept = conductance.kept().assign(load=lambda t: t["load"] * t["hardness"])
+    kept = conductance.table_of_package().assign(
+        load=lambda t: t["load"] * t["hardness"]
+    )
     own = kept.rename(columns={"y": "reference"})[[*laws]].round(12)
     assert len(laws.round(12).merge(own.drop_duplicates())) == len(laws) > 50
     for method in (

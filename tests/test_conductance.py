@@ -116,7 +116,7 @@ def test_the_formula_goes_from_flow_to_elasticity():
 
 
 def test_the_interval_holds_where_the_formula_was_not_fitted():
-    table = study.kept()
+    table = study.table_of_package()
     constants = laws.FACTOR, laws.ELASTIC, laws.CLUSTER
     fitted, other, unseen = laboratory.parts(table)
     assert min(map(len, (fitted, other, unseen))) > 80
@@ -131,7 +131,7 @@ def test_the_interval_holds_where_the_formula_was_not_fitted():
 
 
 def test_the_interval_holds_in_every_region_that_is_accepted_and_not_beyond():
-    table = laboratory.judged(study.kept())
+    table = laboratory.judged(study.table_of_package())
     off = laboratory.misfit(table, (laws.FACTOR, laws.ELASTIC, laws.CLUSTER))
     table = table.assign(inside=np.abs(off) < np.log1p(laws.ERROR))
     taken = laboratory.accepted(table)
@@ -150,7 +150,7 @@ def test_the_table_can_be_made_again(hardness):
     place = {"breadth": 2, "hurst": 0.6, "hardness": hardness, "load": 0.1}
     axes = {name: (value,) for name, value in place.items()}
     found = study.means(lambda _: None, **axes, seed=range(501, 517), waves=(8,))
-    kept = study.kept().set_index(study.PLACE).loc[tuple(place.values())]
+    kept = study.table_of_package().set_index(study.PLACE).loc[tuple(place.values())]
     # Later constants of the limit of a vanishing spacing move it by about a hundredth.
     assert found["y"].item() == pytest.approx(kept["y"], rel=0.02)
     assert found["half_width"].item() == pytest.approx(kept["half_width"], rel=0.5)

@@ -1,6 +1,4 @@
-"""Studies: every one runs small and its charts can be read, and what each found is
-so.
-"""
+"""Studies: each runs at a small size, its charts can be read, and its finding holds."""
 
 import functools
 import inspect
@@ -27,10 +25,9 @@ from epcontact.studies import (
     peers,
     save_charts,
     theory,
-    walls,
 )
 from epcontact.studies import paper_scene as scenes
-from epcontact.studies.frame import mean_with_interval, root_mean_square, rows
+from epcontact.studies.frame import mean_with_interval, root_mean_square, tabulate
 
 #: The options of each study that runs in seconds.
 SMALL: dict[str, dict[str, Any]] = {
@@ -63,12 +60,9 @@ SMALL: dict[str, dict[str, Any]] = {
         "grids": (3, 6),
         "block_waves": 4,
     },
-    "gap_distribution": {"points": 4, "wide": 16, "seeds": (33, 34), "narrow": 8},
     "hardness": {"surfaces": 2, "nodes": 12, "severities": (5.0, 15.0), "nus": (0.3,)},
     "hardness-map": {},
-    "hysteresis": {"points": 4, "bandwidth": 4, "seeds": (77, 78)},
     "magnification": {"points": 4, "bandwidth": 16, "count": 5, "seeds": range(3)},
-    "persistence": {"severities": (5.0,), "seeds": (1, 2), "nodes": 16},
     "pressures": {"bandwidth": 16, "points": (4, 8, 16), "seeds": range(3)},
     "residual": {
         "points": 4,
@@ -77,12 +71,10 @@ SMALL: dict[str, dict[str, Any]] = {
         "narrow": 4,
         "hardnesses": (0.16,),
     },
-    "rough-body": {"slopes": (0.05,), "seeds": (1, 2), "nodes": 12},
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
     "treatment": {"points": (24,), "seeds": (2,), "tiles": 2}
     | {"kinds": ("rolled off", "turned")},
     "validity": {"points": (6, 8)},
-    "walls": {"bandwidths": (16,), "seeds": (1, 2, 3), "points": 4},
 }
 
 
@@ -116,7 +108,7 @@ DRAWN = sorted(STUDIES.keys() - {"peers", "accuracy"})
 def test_a_study_shows_what_was_read_and_found_right(name, tmp_path):
     study = STUDIES[name]
     assert 20 < len(study.description) < 100
-    assert set(study.full) <= set(inspect.signature(study.make).parameters)
+    assert set(study.full) <= set(inspect.signature(study.function).parameters)
     for number, chart in enumerate(charts_of(name), 1):
         assert study.description in chart.caption
         assert all(option in chart.caption for option in SMALL[name])
@@ -134,14 +126,17 @@ def test_a_study_shows_what_was_read_and_found_right(name, tmp_path):
         same_as_read(lines, f"study-{name}.txt", tmp_path, COUNTED)
 
 
-def test_the_shares_within_their_claim_are_those_of_the_marks(monkeypatch):
+def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):
     times = {"a": [0.02, 0.5, 1.5], "b": [0.4, 700.0, 3.0], "c": [0.9, 0.7, 1e-5]}
-    judge = lambda kind, seed, points: {"times": times[kind][seed]}  # noqa: E731
-    monkeypatch.setattr(areas, "judged", judge)
+
+    def judged(kind, seed, points):
+        return {"times": times[kind][seed]}
+
+    monkeypatch.setattr(areas, "judged", judged)
     (chart,) = STUDIES["areas"].run(seeds=range(3), kinds=tuple(times))
     labels = [text.get_text() for text in chart.figure.axes[0].get_yticklabels()]
     assert labels == ["c, 100%", "b, 33%", "a, 67%"]
-    assert chart.caption.startswith("Of 9 areas 67% are within their claim. ")
+    assert chart.caption.startswith("Of 9 areas 67% are within their error estimate. ")
     marks = [
         (k, min(max(t, 1e-3), 1e2), "cba".index(k)) for k in times for t in times[k]
     ]
@@ -159,21 +154,6 @@ def test_finite_elements_near_the_gap_of_boundary_elements():
     assert table["j2, 6 points"].iloc[-1] == pytest.approx(100 * (j2 / cap - 1))
     # J2 at 3 times the yield stress flows more than the cap: the model, not the grid.
     assert table["j2, 6 points"].iloc[-1] < -20
-
-
-def test_distances_of_gaps_are_known():
-    """Gaps twice as wide are one mean gap apart."""
-    same = {"ratio": 0.6, "seed": 1, "gap_over_rms_height": gap.GAPS}
-    table = pd.concat(
-        pd.DataFrame(
-            same | {"method": method, "cumulative_area": np.minimum(gap.GAPS / wide, 1)}
-        )
-        for method, wide in (("bem", 2), ("fem", 4))
-    )
-    assert gap.distances(table, "bem", "bem")["distance"].tolist() == [0.0]
-    assert gap.distances(table, "fem", "bem")["distance"].item() == pytest.approx(
-        1.0, abs=0.01
-    )
 
 
 def test_errors_of_finite_elements_fall():
@@ -204,9 +184,11 @@ def test_charts_are_saved_under_the_study_s_name(tmp_path):
 
 def test_rows_are_the_product_of_the_axes():
     said: list[str] = []
-    table = rows(
-        said.append, lambda load, law: {"area": load}, load=(0.5, 2.0), law=("a", "b")
-    )
+
+    def row(load, law):
+        return {"area": load}
+
+    table = tabulate(said.append, row, load=(0.5, 2.0), law=("a", "b"))
     assert table.to_numpy().tolist() == [
         [p, law, p] for p in (0.5, 2.0) for law in "ab"
     ]
@@ -310,7 +292,8 @@ def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_doe
 
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     scene = scenes.rough_scene(4, 1, 8)
-    known, exact = theory.theory_figures(scene), scenes.by_theory(scene)
+    known = theory.theory_values(scene)
+    exact = scenes.solve_theory(scene)
     G, load, cap = (
         exact.final.quantities["diffusion"],
         scenes.MEAN_PRESSURE,
@@ -323,7 +306,7 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
         share, persson.pressure_cumulative(sigma, G, load, cap), sigma, right=0.0
     )
     pressure[share > 1 - exact.final.areas["raw"].plastic] = cap
-    found = theory.end_figures(replace(exact, fields={"pressure": pressure}), 4)
+    found = theory.end_values(replace(exact, fields={"pressure": pressure}), 4)
     found, known = (pd.DataFrame(each).set_index("end") for each in (found, known))
     for end, at in (("0+", "zero"), ("hardness-", "hardness")):
         slope = known[theory.SLOPE][end]
@@ -338,7 +321,7 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
 
 def test_limits_of_exact_powers_are_exact():
     for figure, limit in {theory.DENSITY: 0.1, theory.SLOPE: 0.3}.items():
-        order = theory.FIGURES[figure][2]
+        _, _, order = theory.QUANTITIES[figure]
         rows = [
             (seed, n, "0+", limit + 0.4 * n**-order)
             for seed in (1, 2)
@@ -379,28 +362,6 @@ def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
     # smallest.
     errors = drawn("speed", 5)
     assert (errors["area_error"] <= cost.AREA + 20 / errors["points_a_side"] ** 2).all()
-
-
-# --- gap
-# -----------------------------------------------------------------------------------------
-
-
-def test_cap_and_theory_differ_on_the_way_down():
-    """The cap has 3 to 6 times the area at 0.02 of the peak; the theory's flattening
-    has none.
-    """
-    models = ("cap", "theory")
-    table = rows(
-        lambda _: None, gap.cycle, model=models, seed=[77], points=[4], bandwidth=[16]
-    )
-    light = table[table["load_over_peak"] == 0.02].set_index(["model", "branch"])
-    ratio = light.xs("down", level="branch") / light.xs("up", level="branch")
-    assert 3 < ratio[gap.AREA]["cap"] < 6
-    assert 0.9 < ratio[gap.AREA]["theory"] < 1.1
-    assert 0.5 < ratio[gap.GAP]["cap"] < 0.8
-    spent = table.groupby("model")[gap.SPENT]
-    assert spent.max()["cap"] < 1
-    assert spent.last()["cap"] > 0.95  # what is stored at the peak has been given back
 
 
 # --- peers
@@ -454,47 +415,3 @@ def test_installed_peers_find_the_same_areas(law):
     assert all(
         row["agrees"] for row in peers.race(law, 8, peers.installed(), Worker().call)
     )
-
-
-# --- walls
-# ---------------------------------------------------------------------------------------
-
-
-def test_in_full_contact_pressures_diffuse_at_the_full_rate_without_drift():
-    flows, table = walls.steps(1, 16, (5.0, math.inf), 4, (1.0, 0.25))
-    assert flows.empty
-    assert table["diffusion"].to_numpy() == pytest.approx(1, rel=1e-9)
-    assert table["drift"].to_numpy() == pytest.approx(0, abs=1e-6)
-
-
-def test_fewer_points_stay_beyond_a_wall_the_smaller_the_step():
-    """Fronts that move to and fro as the root of the step: the weaker the ring, the
-    more return.
-    """
-    parts = [
-        walls.steps(seed, 16, (0.3, 0.6), 16, (1.0, 1 / 16)) for seed in range(1, 5)
-    ]
-    flows = (
-        pd.concat([flow for flow, _ in parts]).groupby(["wall", "w"])["returned"].mean()
-    )
-    for wall in ("at zero", "at hardness"):
-        assert flows[wall, 1 / 16] > flows[wall, 1.0] + 0.05
-    # Weak rings change the distribution as if the pressures hardly moved next to the
-    # walls.
-    table = pd.concat([rows for _, rows in parts])
-    table = table[table["w"] == 1].groupby("relative_pressure")["reduction"].mean()
-    assert table.iloc[0] < 0.1
-    assert 0.2 < table.iloc[len(table) // 2] < 0.536
-
-
-def test_limits_of_the_returning_share_are_those_of_a_straight_line_in_the_root_of_the_step():
-    told = [
-        (seed, w, 1.02 - seed / 100 - 0.3 * w**0.5)
-        for seed in (1, 3)
-        for w in (1, 0.25)
-    ]
-    flows = pd.DataFrame(told, columns=["seed", "w", "returned"])
-    flows = flows.assign(hardness=0.6, p0=0.1, bandwidth=16, wall="zero")
-    (found,) = walls.limits(flows).to_dict("records")
-    assert found["limit"] == pytest.approx(1.0)
-    assert found["half_width"] == pytest.approx(12.7062 * 0.01, rel=1e-4)

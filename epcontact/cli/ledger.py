@@ -145,9 +145,9 @@ def accuracy(
     rows = ledgers.read_rows(folders)
     found = ledgers.ledger(rows)
     if table is not None:
-        ledgers.keep(found, table)
+        ledgers.write_table(found, table)
     if kept is not None:
-        ledgers.keep(rows, kept)
+        ledgers.write_table(rows, kept)
     shown = found[found["points"].isna() | found["points"].isin(_GRIDS) | bool(folders)]
     headings = (
         "quantity",

@@ -12,7 +12,7 @@ where u, v and w are sigma, sigma_P - sigma and sigma_P over sqrt(2 tau), r is t
 wave number of the slopes over the highest, and x^p is at most 2.  So gamma is S at a
 bound that is alone, where hardly any contact is left and all waves have one length (r =
 1).  Area and load are conserved for any S, and sigma_0 -> sigma_P - sigma_0 exchanges
-the plastic and the separated area.  The form follows the study `walls`;
+the plastic and the separated area.  The form follows `laboratory.walls`;
 `laboratory.local_reduction` fits gamma, b and c to boundary elements.
 
 The equation is solved by linear elements on nodes that are dense next to the bounds,

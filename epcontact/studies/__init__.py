@@ -1,12 +1,11 @@
-"""Studies: charts of accuracy against cost, and of the theory against the numerical
-methods.
+"""Studies: charts of accuracy against cost, and of the theory against numerics.
 
 A study is a function with the decorator `study` of `frame`, in one of the modules
-below; the times in a chart come from one run on one machine, so only their ratios are
-comparable.
+below.  The times in a chart come from one run on one machine, so that only their ratios
+are comparable.
 """
 
-# Each of the first block registers its studies.
+# Importing a module of the first block registers its studies.
 from epcontact.studies import (  # noqa: F401
     accuracy,
     areas,
@@ -19,7 +18,6 @@ from epcontact.studies import (  # noqa: F401
     theory,
     treatment,
     validity,
-    walls,
 )
 from epcontact.studies.frame import STUDIES, save_charts
 

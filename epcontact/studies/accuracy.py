@@ -1,9 +1,8 @@
-"""The ledger of accuracy: bias and scatter of each quantity between two answers, and
-their cost.
+"""The ledger of accuracy: bias, scatter and cost of each quantity between methods.
 
-It reads folders of `epcontact sweep` and `epcontact verify`.  Without one it is the
-package's own: `accuracy.csv`, by the sweeps of `cases/accuracy.toml`, the figures of
-the release, the map of the theory's error, and the table of what joints conduct.
+It reads folders of `epcontact sweep` and `epcontact verify`.  Without a folder it is
+the ledger of the package: `accuracy.csv`, from the sweeps of `cases/accuracy.toml`, the
+values of the release, the map of the theory's error, and the table of conductances.
 """
 
 from __future__ import annotations
@@ -30,8 +29,9 @@ from epcontact.persson.validity import theory_map
 from epcontact.studies import conductance
 from epcontact.studies.frame import Charts, Say, study
 
-KEPT = Path(__file__).with_name("accuracy.csv")
-#: What the ledger tells, by the names of gates.
+#: The table of the package's sweeps.
+PACKAGE_TABLE = Path(__file__).with_name("accuracy.csv")
+#: The quantities of the ledger by the names of gates, with their symbols.
 QUANTITIES = {
     "area.total.corrected": "A",
     "area.elastic.corrected": "A_el",
@@ -44,178 +44,223 @@ QUANTITIES = {
     "quantity.effective_hardness": "c_eff",
     "distribution": "P(σ) distance",
 }
+_DISTANCE = QUANTITIES["distribution"]
 _METHODS = {"persson": "theory", "bem": "BEM", "fem": "FE", "calculix": "CalculiX"}
-#: Differences of areas are over the reference, or over this nominal share if it is
-#: more.
+#: Differences of areas are over the reference, or over this fraction of the nominal
+#: area if the reference is smaller.
 SMALLEST_AREA = 1e-3
-#: What two scenes share if they are one by similarity, with the names of the terminal.
+#: What two scenes have in common if they are similar, with the words of the terminal.
 PLACE = {
     "load": "p0/(E* ξ)",
     "hardness": "hardness/(E* ξ)",
     "hurst": "H",
     "waves": "waves",
 }
-_COLUMNS = ["quantity", "pair", "points", "value", "reference", "surfaces", *PLACE]
-_COLUMNS += ["time", "fft_pairs"]
+_COLUMNS = [
+    "quantity",
+    "pair",
+    "points",
+    "value",
+    "reference",
+    "surfaces",
+    *PLACE,
+    "time",
+    "fft_pairs",
+]
 
 
 def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
-    """Return a row for each quantity, pair of answers and scene: both values, means
-    over surfaces.
+    """Return a row for each quantity, pair of methods and scene.
 
-    `time` is that of a solve over the boundary elements' on 4 points a wave of the same
-    surface. Raises InvalidCase or OutputError if a folder has neither a sweep nor a
-    verdict.
+    A row has value and reference, as means over the surfaces.  `time` is that of a
+    solve over that of boundary elements on 4 points a wave of the same surface.
+
+    Args:
+        folders: Output folders of `epcontact sweep` and `epcontact verify`; none: the
+            ledger of the package.
+
+    Raises:
+        InvalidCase: A folder has neither a sweep nor a verdict, or no quantity has two
+            values for one scene.
+        OutputError: A file cannot be read.
     """
-    found = [
-        pd.read_csv(KEPT),
-        verdict_rows(read_figures(RELEASE)),
-        _theory_rows(),
-        _law_rows(),
-    ]
     if folders:
-        swept = [Path(one) for one in folders if (Path(one) / "sweep.json").is_file()]
-        judged = [Path(one) for one in folders if Path(one) not in swept]
-        found = [
-            sweep_rows(swept),
-            *(verdict_rows(read_figures(one)) for one in judged),
+        swept = []
+        tables = []
+        for folder in map(Path, folders):
+            if (folder / "sweep.json").is_file():
+                swept.append(folder)
+            else:
+                tables.append(verdict_rows(read_figures(folder)))
+        tables.insert(0, sweep_rows(swept))
+    else:
+        tables = [
+            pd.read_csv(PACKAGE_TABLE),
+            verdict_rows(read_figures(RELEASE)),
+            _theory_rows(),
+            _law_rows(),
         ]
-    if not any(map(len, found)):
+    filled = [table for table in tables if len(table)]
+    if not filled:
         raise InvalidCase("no quantity has two answers to the same scene there")
-    return pd.concat([each for each in found if len(each)], ignore_index=True)[_COLUMNS]
+    return pd.concat(filled, ignore_index=True)[_COLUMNS]
 
 
-def keep(rows: pd.DataFrame, path: Path) -> None:
-    """Write rows as the table of a package."""
+def write_table(rows: pd.DataFrame, path: Path) -> None:
+    """Write rows as a table in CSV; raise OutputError if that is not possible."""
     with atomic_write(path) as file:
         rows.to_csv(file, index=False, float_format="%.6g")
 
 
 def _theory_rows() -> pd.DataFrame:
-    known, found = theory_map(), []
-    capped = np.isfinite(known["hardness"])
-    place = {"load": known["load"] * np.where(capped, known["hardness"], 1.0)}
-    place |= {"hardness": known["hardness"], "hurst": known["hurst"]}
-    place |= {"waves": known["wavelength_ratio"], "surfaces": known["surfaces"]}
-    labels = {
+    """Return rows of the theory against boundary elements, from the map of its
+    error.
+    """
+    table = theory_map()
+    capped = np.isfinite(table["hardness"])
+    place = {
+        "load": table["load"] * np.where(capped, table["hardness"], 1.0),
+        "hardness": table["hardness"],
+        "hurst": table["hurst"],
+        "waves": table["wavelength_ratio"],
+        "surfaces": table["surfaces"],
+    }
+    tables = []
+    symbols = {
         "total": "A",
         "elastic": "A_el",
         "plastic": "A_pl",
         "mean_gap": "mean gap",
     }
-    for name, label in labels.items():
-        value = {
-            "value": known[name] * (1 + known[f"{name}_theory"]),
-            "reference": known[name],
+    for name, symbol in symbols.items():
+        values = {
+            "quantity": symbol,
+            "value": table[name] * (1 + table[f"{name}_theory"]),
+            "reference": table[name],
         }
-        found.append(pd.DataFrame({"quantity": label} | value | place))
+        tables.append(pd.DataFrame(values | place))
     distances = {
-        "quantity": "P(σ) distance",
-        "value": known["wasserstein"],
+        "quantity": _DISTANCE,
+        "value": table["wasserstein"],
         "reference": 0.0,
     }
-    rows = pd.concat([*found, pd.DataFrame(distances | place)]).dropna(subset="value")
+    tables.append(pd.DataFrame(distances | place))
+    rows = pd.concat(tables).dropna(subset="value")
     return rows.assign(pair="theory – BEM", points=4).reindex(columns=_COLUMNS)
 
 
 def _law_rows() -> pd.DataFrame:
-    table = conductance.ratios(conductance.kept())
-    table = table.assign(
-        value=table[conductance.RATIO] * table["y"], reference=table["y"]
+    """Return rows of the laws of conductance against boundary elements."""
+    table = conductance.ratios(conductance.table_of_package())
+    rows = table.assign(
+        quantity="conductance",
+        pair=table["law"].map("law {} – BEM".format),
+        value=table[conductance.RATIO] * table["y"],
+        reference=table["y"],
+        load=table["load"] * table["hardness"],
+        waves=8 * table["breadth"],
+        surfaces=16,
     )
-    table["pair"] = table["law"].map("law {} – BEM".format)
-    table = table.assign(
-        quantity="conductance", waves=8 * table["breadth"], surfaces=16
-    )
-    table["load"] *= table["hardness"]
-    return table.dropna(subset="value").reindex(columns=_COLUMNS)
+    return rows.dropna(subset="value").reindex(columns=_COLUMNS)
 
 
 def verdict_rows(figures: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table of figures, see `compare.read_figures`: one for each
-    gate.
+    """Return the rows of a verdict, one for each gate on a quantity of the ledger.
+
+    Args:
+        figures: The table of `compare.read_figures`.
     """
-    found = []
+    rows = []
     for row in figures.dropna(subset="low").to_dict("records"):
-        told = re.fullmatch(
+        gate = re.fullmatch(
             r"(\S+) of (\S+) against (\S+) \((?!supremum)\w+\)", row["name"]
         )
-        if not told or told[1] not in QUANTITIES:
+        if not gate or gate[1] not in QUANTITIES:
             continue
-        if (
-            row["reference"] == 0 and told[1] != "distribution"
-        ):  # the value is an error itself
-            continue
-        of, other = (_METHODS.get(name, name) for name in told.groups()[1:])
-        if re.fullmatch(r"[-+.\de]+", other):
-            other = "stated figure"
-        elif told[3] not in METHODS:
-            other = "closed form"
-        if (of, other) == ("BEM", "theory"):
-            of, other = other, of
-            if told[1] != "distribution":
+        is_distance = gate[1] == "distribution"
+        if row["reference"] == 0 and not is_distance:
+            continue  # the value is an error itself
+        method = _METHODS.get(gate[2], gate[2])
+        reference = _METHODS.get(gate[3], gate[3])
+        if re.fullmatch(r"[-+.\de]+", reference):
+            reference = "stated figure"
+        elif gate[3] not in METHODS:
+            reference = "closed form"
+        if (method, reference) == ("BEM", "theory"):
+            method, reference = reference, method
+            if not is_distance:
                 row |= {"value": row["reference"], "reference": row["value"]}
-        found.append(row | {"quantity": QUANTITIES[told[1]], "pair": f"{of} – {other}"})
-    return pd.DataFrame(found, columns=_COLUMNS)
+        pair = f"{method} – {reference}"
+        rows.append(row | {"quantity": QUANTITIES[gate[1]], "pair": pair})
+    return pd.DataFrame(rows, columns=_COLUMNS)
 
 
 def sweep_rows(folders: Sequence[Path]) -> pd.DataFrame:
-    """Return the rows of sweeps together: what one of them solves on a finer grid, or
-    by another method, is a reference for the others.
+    """Return the rows of several sweeps together.
+
+    What a sweep solves on a finer grid, or by another method, is a reference for the
+    other results.
     """
-    solved = pd.DataFrame(
-        [
-            _member(task["method"], task["seed"], result)
-            for folder in folders
-            for task, result in sweep.members(folder)
-            if result is not None
-        ]
-    )
-    if solved.empty:
+    members = []
+    for folder in folders:
+        for task, result in sweep.members(folder):
+            if result is not None:
+                members.append(_member(task["method"], task["seed"], result))
+    if not members:
         return pd.DataFrame(columns=_COLUMNS)
+    solved = pd.DataFrame(members)
     place = [*PLACE, "scene"]
-    surfaces = [*place, "seed"]
-    theory, numeric = (
-        solved[(solved["method"] == "persson") == is_it] for is_it in (True, False)
-    )
-    of = {
-        name: numeric[numeric["method"] == name] for name in ("bem", "fem", "calculix")
+    surface = [*place, "seed"]
+    grid = [*surface, "points"]
+    by_method = {
+        name: solved[solved["method"] == name]
+        for name in ("persson", "bem", "fem", "calculix")
     }
-    bem = of["bem"].sort_values("points")
-    limit = bem.drop_duplicates(surfaces, keep="last")
-    unit = bem[bem["points"] >= 4].drop_duplicates(surfaces)[[*surfaces, "seconds"]]
-    solved = (
-        (theory.drop_duplicates(place).drop(columns="seed"), limit, place, "BEM"),
-        (
-            numeric[numeric["method"] != "bem"],
-            bem,
-            [*surfaces, "points"],
-            "BEM, same grid",
+    numerical = solved[solved["method"] != "persson"]
+    theory = by_method["persson"].drop_duplicates(place).drop(columns="seed")
+    bem = by_method["bem"].sort_values("points")
+    finest = bem.drop_duplicates(surface, keep="last")
+    coarsest = bem[bem["points"] >= 4].drop_duplicates(surface)
+    unit = coarsest[[*surface, "seconds"]]
+    others = numerical[numerical["method"] != "bem"]
+    tables = [
+        _pairs(theory, finest, place, "BEM", unit),
+        _pairs(others, bem, grid, "BEM, same grid", unit),
+        _pairs(
+            by_method["fem"], by_method["calculix"], grid, "CalculiX, same grid", unit
         ),
-        (of["fem"], of["calculix"], [*surfaces, "points"], "CalculiX, same grid"),
-        (numeric, limit, surfaces, "continuum"),
-    )
-    return pd.concat([_pairs(*each, unit) for each in solved], ignore_index=True)
+        _pairs(numerical, finest, surface, _CONTINUUM, unit),
+    ]
+    return pd.concat(tables, ignore_index=True)
+
+
+#: The name of the reference that is the corrected result on the finest grid.
+_CONTINUUM = "continuum"
 
 
 def _member(method: str, seed: Any, result: Any) -> dict[str, Any]:
+    """Return the row of one result of a sweep: its quantities, place and cost."""
     about = {name: part["value"] for name, part in result.provenance.about.items()}
     surface = str(about.get("surface"))
-    hurst, points = (
-        re.search(r"Hurst exponent ([\d.]+)", surface),
-        about.get("resolution", 0.0),
-    )
-    known, other = scalar_quantities(result), ("poisson_ratio", "yield_stress", "body")
-    return {name: v for name, v in known.items() if name in QUANTITIES} | {
+    points = about.get("resolution", 0.0)
+    hurst = re.search(r"Hurst exponent ([\d.]+)", surface)
+    load = float(about.get("load_group", math.nan))
+    hardness = float(about.get("hardness_group", math.inf))
+    other = [about.get(name) for name in ("poisson_ratio", "yield_stress", "body")]
+    row = {
+        name: value
+        for name, value in scalar_quantities(result).items()
+        if name in QUANTITIES
+    }
+    return row | {
         "method": method,
         "seed": seed,
         "points": points,
-        "load": float(f"{about.get('load_group', math.nan):.4g}"),
-        "hardness": float(f"{float(about.get('hardness_group', math.inf)):.4g}"),
+        "load": float(f"{load:.4g}"),
+        "hardness": float(f"{hardness:.4g}"),
         "hurst": float(hurst[1]) if hurst else math.nan,
         "waves": round(about["points"][0] / points) if points else math.nan,
-        "scene": re.sub(r", seed \d+", "", surface)
-        + str([about.get(name) for name in other]),
+        "scene": re.sub(r", seed \d+", "", surface) + str(other),
         "seconds": result.cost.get("seconds"),
         "fft_pairs": result.cost.get("equivalent_fft_pairs"),
         "distribution": result.distribution,
@@ -224,94 +269,118 @@ def _member(method: str, seed: Any, result: Any) -> dict[str, Any]:
 
 
 def _pairs(
-    of: pd.DataFrame,
-    against: pd.DataFrame,
+    results: pd.DataFrame,
+    references: pd.DataFrame,
     on: list[str],
     name: str,
     unit: pd.DataFrame,
 ) -> pd.DataFrame:
-    """Return rows of the means over surfaces of what `of` and `against` say of the same
-    `on`.
+    """Return rows of results against their references, as means over the surfaces.
+
+    Args:
+        results: Rows of `_member`.
+        references: Rows of `_member` that the results are compared with.
+        on: Columns in which a result and its reference agree.
+        name: Name of the reference in the column `pair`.
+        unit: Seconds of boundary elements on 4 points a wave, for each surface.
     """
-    both, rows = of.merge(against, on=on, suffixes=("", "_ref")), []
-    if name == "continuum":  # the finest grid is no reference for itself
+    both = results.merge(references, on=on, suffixes=("", "_ref"))
+    if name == _CONTINUUM:  # the finest grid is no reference for itself
         itself = (both["method"] == "bem") & (both["points"] == both["points_ref"])
         both = both[~itself & (both["points_ref"] > both["points"])]
-    shared = [each for each in unit if each in both and each != "seconds"]
+    shared = [column for column in unit if column in both and column != "seconds"]
     both = both.merge(unit.rename(columns={"seconds": "unit"}), on=shared, how="left")
-    for quantity, label in QUANTITIES.items():
-        other = f"{quantity}_ref"
-        if quantity.endswith(
-            "raw"
-        ):  # counts near the limit, too, which is the corrected area
-            other = other.replace("raw", "corrected") if name == "continuum" else other
-        if quantity == "distribution":
-            pairs = zip(
-                both["distribution"], both["distribution_ref"], both["cap"], strict=True
-            )
-            value = [
-                distance("wasserstein", *p) if p[0] and p[1] else math.nan
-                for p in pairs
-            ]
-            one = both.assign(value=value, reference=0.0)
-        elif {quantity, other} <= {*both} and not (
-            quantity.endswith("raw") and name == "BEM"
-        ):
-            one = both.assign(value=both[quantity], reference=both[other])
-        else:
+    rows = []
+    for quantity, symbol in QUANTITIES.items():
+        pairs = _values_and_references(both, quantity, name)
+        if pairs is None:
             continue
-        one = one[
-            one[["value", "reference"]].abs().sum(axis=1, min_count=2) > 0
-        ]  # both 0: no area
-        groups = one.groupby([*PLACE, "scene", "method", "points"], dropna=False)
-        found = groups[["value", "reference", "fft_pairs"]].mean()
-        found["time"] = (
-            groups["seconds"].min() / groups["unit"].min()
-        )  # the least disturbed ones
-        rows.append(found.assign(surfaces=groups.size(), quantity=label).reset_index())
+        values = pairs[["value", "reference"]]
+        # Where both are 0 there is no such area.
+        pairs = pairs[values.abs().sum(axis=1, min_count=2) > 0]
+        by = [*PLACE, "scene", "method", "points"]
+        groups = pairs.groupby(by, dropna=False)
+        means = groups[["value", "reference", "fft_pairs"]].mean()
+        # The least times are those that other processes disturb least.
+        means["time"] = groups["seconds"].min() / groups["unit"].min()
+        means = means.assign(surfaces=groups.size(), quantity=symbol)
+        rows.append(means.reset_index())
     found = pd.concat(rows) if rows else pd.DataFrame({"method": []})
-    pair = found["method"].map(
-        lambda method: f"{_METHODS.get(method, method)} – {name}"
-    )
+    pair = found["method"].map(lambda m: f"{_METHODS.get(m, m)} – {name}")
     return found.assign(pair=pair).reindex(columns=_COLUMNS)
 
 
-def differences(rows: pd.DataFrame) -> pd.Series:
-    """Return the difference of each row: relative to its reference, see
-    `SMALLEST_AREA`; a distance is one by itself.
+def _values_and_references(
+    both: pd.DataFrame, quantity: str, name: str
+) -> pd.DataFrame | None:
+    """Return merged rows with the columns value and reference of a quantity.
+
+    The reference of a raw area in the continuum is the corrected area.  The result is
+    None if the rows do not have the quantity, or a raw area has no such reference.
     """
-    floor = np.where(rows["quantity"].str.startswith("A"), SMALLEST_AREA, 0.0)
+    if quantity == "distribution":
+        distances = []
+        columns = (both["distribution"], both["distribution_ref"], both["cap"])
+        for distribution, reference, cap in zip(*columns, strict=True):
+            value = math.nan
+            if distribution and reference:
+                value = distance("wasserstein", distribution, reference, cap)
+            distances.append(value)
+        return both.assign(value=distances, reference=0.0)
+    is_raw = quantity.endswith("raw")
+    if is_raw and name == "BEM":
+        return None
+    reference_column = f"{quantity}_ref"
+    if is_raw and name == _CONTINUUM:
+        reference_column = reference_column.replace("raw", "corrected")
+    if quantity not in both or reference_column not in both:
+        return None
+    return both.assign(value=both[quantity], reference=both[reference_column])
+
+
+def differences(rows: pd.DataFrame) -> pd.Series:
+    """Return the difference of each row relative to its reference.
+
+    See `SMALLEST_AREA` for areas; a distance is a difference by itself.
+    """
+    is_area = rows["quantity"].str.startswith("A")
+    floor = np.where(is_area, SMALLEST_AREA, 0.0)
     scale = np.maximum(rows["reference"].abs(), floor)
-    scale = scale.where(rows["quantity"] != "P(σ) distance", 1.0)
+    scale = scale.where(rows["quantity"] != _DISTANCE, 1.0)
     return (rows["value"] - rows["reference"]) / scale
 
 
 def ledger(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return bias and scatter of each quantity and pair, of each grid alone where it is
-    known.
+    """Return bias and scatter of each quantity and pair, and the medians of the cost.
 
     The bias is the median of the differences, the scatter half the width of their
-    central 68 %.
+    central 68 %.  Pairs with a grid have a row for each number of points per wave.
+
+    Args:
+        rows: The rows of `read_rows`.
     """
     order = pd.Categorical(rows["quantity"], QUANTITIES.values())
     table = rows.assign(difference=differences(rows), quantity=order)
-    table["points"] = table["points"].where(
-        table["pair"].str.contains("continuum|same grid")
-    )
+    on_grid = table["pair"].str.contains("continuum|same grid")
+    table["points"] = table["points"].where(on_grid)
     groups = table.groupby(["quantity", "pair", "points"], dropna=False, observed=True)
     found = []
-    for (quantity, pair, points), mine in groups:
-        low, bias, high = np.quantile(mine["difference"].dropna(), [0.16, 0.5, 0.84])
-        row = {"quantity": quantity, "pair": pair, "points": points, "bias": bias}
-        row |= {"scatter": (high - low) / 2, "scenes": len(mine)}
-        row |= {
-            f"{name}_{end}": mine[name].agg(end)
-            for name in PLACE
-            for end in ("min", "max")
+    for (quantity, pair, points), group in groups:
+        low, bias, high = np.quantile(group["difference"].dropna(), [0.16, 0.5, 0.84])
+        row = {
+            "quantity": quantity,
+            "pair": pair,
+            "points": points,
+            "bias": bias,
+            "scatter": (high - low) / 2,
+            "scenes": len(group),
         }
-        found.append(
-            row | {name: mine[name].median() for name in ("time", "fft_pairs")}
-        )
+        for name in PLACE:
+            row[f"{name}_min"] = group[name].min()
+            row[f"{name}_max"] = group[name].max()
+        for name in ("time", "fft_pairs"):
+            row[name] = group[name].median()
+        found.append(row)
     return pd.DataFrame(found)
 
 
@@ -327,43 +396,44 @@ def accuracy(
     boundary elements on 4 points per shortest wave of the same surface, FFT pairs are
     in those of that grid.
     """
+    del say
     rows = read_rows(folders) if known is None else known
-    work = rows["fft_pairs"] * (rows["points"] / 4) ** 2
-    rows = rows.assign(error=differences(rows).abs(), work=work)
-    against = rows["pair"].str.contains("continuum|theory – BEM") & rows["time"].notna()
-    areas = rows[against & rows["quantity"].isin(["A", "A raw"])].copy()
-    method = areas["pair"].str.split(" – ").str[0]
-    areas["method"] = method.replace({shown: name for name, shown in _METHODS.items()})
-    kind = areas["quantity"].map({"A": "corrected", "A raw": "raw"})
-    areas["kind"] = kind.where(areas["method"] != "persson", "")
-    groups = areas.groupby(["method", "kind", "points"], sort=False)
-    table, y = (
-        groups[["time", "work"]].median(),
-        ("error", "relative error of the contact area (–)"),
-    )
-    table["error"] = groups["error"].agg(lambda e: float(np.sqrt((e**2).mean())))
+    table = _errors_by_cost(rows)
     y = ("error", "relative error of the contact area (–)")
-    for x, title in (
-        (
-            ("time", "time of a solve, over boundary elements on 4 points a wave (–)"),
-            "time",
-        ),
-        (("work", "FFT pairs of a grid of 4 points a wave (–)"), "FFT pairs"),
-    ):
+    time = ("time", "time of a solve, over boundary elements on 4 points a wave (–)")
+    work = ("work", "FFT pairs of a grid of 4 points a wave (–)")
+    for x, name in ((time, "time"), (work, "FFT pairs")):
         drawn = table[table[x[0]] > 0].reset_index()
         plot = Plot(x, y, ("method", "kind"), mark="kind", log="xy", front=True)
         if len(drawn):
-            yield plot, drawn, f"Accuracy against {title}"
+            yield plot, drawn, f"Accuracy against {name}"
+
     shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)]
     shown = shown.assign(ratio=shown["value"] / shown["reference"])
-    ends = shown["reference"].agg(["min", "max"])
-    line = pd.DataFrame(
-        {"reference": ends, "ratio": 1.0, "ratio_low": 0.95, "ratio_high": 1.05}
-    )
-    line = line.assign(pair="equal, and within 5 %", style="curve")
-    x, y = (
-        ("reference", "area by the reference (–)"),
-        ("ratio", "area predicted over it (–)"),
-    )
+    equal = pd.DataFrame({"reference": shown["reference"].agg(["min", "max"])})
+    equal = equal.assign(ratio=1.0, ratio_low=0.95, ratio_high=1.05)
+    equal = equal.assign(pair="equal, and within 5 %", style="curve")
+    x = ("reference", "area by the reference (–)")
+    y = ("ratio", "area predicted over it (–)")
     plot = Plot(x, y, ("pair",), style="open", log="x")
-    yield plot, pd.concat([line, shown]), "Areas predicted over their references"
+    yield plot, pd.concat([equal, shown]), "Areas predicted over their references"
+
+
+def _errors_by_cost(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return error, time and work of the contact area by method, kind and points.
+
+    Errors are root mean squares over scenes, times and work medians.
+    """
+    work = rows["fft_pairs"] * (rows["points"] / 4) ** 2
+    rows = rows.assign(error=differences(rows).abs(), work=work)
+    judged = rows["pair"].str.contains("continuum|theory – BEM")
+    is_area = rows["quantity"].isin(["A", "A raw"])
+    areas = rows[judged & rows["time"].notna() & is_area].copy()
+    method = areas["pair"].str.split(" – ").str[0]
+    areas["method"] = method.replace({words: name for name, words in _METHODS.items()})
+    kind = areas["quantity"].map({"A": "corrected", "A raw": "raw"})
+    areas["kind"] = kind.where(areas["method"] != "persson", "")
+    groups = areas.groupby(["method", "kind", "points"], sort=False)
+    table = groups[["time", "work"]].median()
+    table["error"] = groups["error"].agg(lambda e: float(np.sqrt((e**2).mean())))
+    return table

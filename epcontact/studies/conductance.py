@@ -1,9 +1,8 @@
-"""What rough joints conduct: the laws of textbooks, and the fitted formula, over
-boundary elements.
+"""The conductance of rough joints: laws and fitted formula over boundary elements.
 
-`conductance.csv` keeps y = sigma h/(k_s m), means over surfaces, with the relative
-half-width of their 95 % interval, in which the claims of the grids are;
-`laboratory.conductance` makes it.
+`conductance.csv` holds y = sigma h/(k_s m), means over surfaces, with the relative
+half-width of their 95 % interval, which includes the error estimates of the grids;
+`laboratory.conductance` computes it.
 """
 
 from __future__ import annotations
@@ -24,90 +23,117 @@ from epcontact.output.charts.style import DIFFERENCE_MAP
 from epcontact.reference import conductance as laws
 from epcontact.results import APART
 from epcontact.scene import Load, Material, Scene
-from epcontact.studies.frame import Charts, Ints, Say, mean_with_interval, rows, study
+from epcontact.studies.frame import (
+    Charts,
+    Ints,
+    Say,
+    mean_with_interval,
+    study,
+    tabulate,
+)
 from epcontact.studies.paper_scene import self_affine
 
-HARDNESSES, LOADS = (
-    (0.03, 0.06, 0.12, 0.25, 0.5, 1.0),
-    (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3),
-)
-POINTS = 4  # of the grid per shortest wave
-FEWEST = 10  # patches of a joint, on average, that count as many
+#: Hardness over E* xi, and loads over the hardness.
+HARDNESSES = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+LOADS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
+#: Grid points per shortest wavelength.
+POINTS = 4
+#: Joints with fewer patches, on average over surfaces, are not compared with laws.
+FEWEST = 10
 PLACE = ["breadth", "hurst", "hardness", "load"]
-FORMULA, RATIO = "epcontact", "law_over_boundary_elements"
+FORMULA = "epcontact"
+RATIO = "law_over_boundary_elements"
 _BANDS = (0.5, 0.8, 0.9, 1.1, 1.2, 1.5)
 
 
 def joint_scene(
     breadth: float, hurst: float, hardness: float, load: float, seed: int, waves: int
 ) -> Scene:
-    """A joint of E* = xi = 1 and the period 1, on which so many waves of the roll-off
-    fit.
+    """Return a joint of E* = xi = 1 and the period 1.
+
+    Args:
+        breadth: Wavelength of the roll-off over the shortest.
+        hurst: Hurst exponent.
+        hardness: Hardness over E* xi.
+        load: Mean pressure over the hardness.
+        seed: Seed of the surface.
+        waves: Number of waves of the roll-off in a period.
     """
-    high = round(breadth * waves)
-    surface = self_affine(2 * math.pi, (POINTS * high,) * 2, seed, high, waves, hurst)
+    shortest = round(breadth * waves)
+    shape = (POINTS * shortest, POINTS * shortest)
+    surface = self_affine(2 * math.pi, shape, seed, shortest, waves, hurst)
     return Scene(surface, Material(1.0, 0.0, hardness), Load(load * hardness))
 
 
 def measured(**place: Any) -> dict[str, float]:
-    """y of one joint by boundary elements, the claim of its grid, and the number of its
-    patches.
+    """Return y of a `joint_scene` by boundary elements.
+
+    The row has y, the error_estimate of its grid and the number of patches.
     """
     scene = joint_scene(**place)
     result = bem.solve(scene, threads=1)
-    found, unit = (
-        contact_conductance(scene, result, 2.0),
-        scene.surface.rms_height * laws.PROFILE,
-    )
-    count = find_patches(result.fields["state"] != APART).areas.size
-    return {"y": found.corrected * unit, "claim": found.error * unit, "patches": count}
+    conductance = contact_conductance(scene, result, 2.0)
+    unit = scene.surface.rms_height * laws.PROFILE
+    patches = find_patches(result.fields["state"] != APART)
+    return {
+        "y": conductance.corrected * unit,
+        "error_estimate": conductance.error * unit,
+        "patches": patches.areas.size,
+    }
 
 
 def means(say: Say, **axes: Sequence[Any]) -> pd.DataFrame:
-    """A row for each place: y with its interval, and the mean number of patches."""
-    found = mean_with_interval(rows(say, measured, **axes), "y", PLACE, "claim")
+    """Return a row for each place: y, its relative half_width and the mean of patches.
+
+    The axes are arguments of `joint_scene`, the seed among them.
+    """
+    table = tabulate(say, measured, **axes)
+    found = mean_with_interval(table, "y", PLACE, "error_estimate")
     found["half_width"] = (found["y_high"] - found["y"]) / found["y"]
     return found[[*PLACE, "y", "half_width", "patches"]]
 
 
-def kept() -> pd.DataFrame:
-    """The table of the package."""
+def table_of_package() -> pd.DataFrame:
+    """Return the table that the package holds."""
     return pd.read_csv(str(files("epcontact.studies") / "conductance.csv"), comment="#")
 
 
 def ratios(table: pd.DataFrame) -> pd.DataFrame:
-    """Every law over the measured y, a row for each law and place of many patches, with
-    bounds.
+    """Return every law over the measured y, with the interval of the ratio.
+
+    There is a row for each law and place with enough patches.
     """
     table = table[table["patches"] >= FEWEST]
-    at = {name: table[name].to_numpy() for name in PLACE}
-    said = {name: law(at["load"], at["hardness"]) for name, law in laws.LAWS.items()}
-    full = laws.contact_area(at["load"], at["hardness"]) > laws.FULL
-    said[FORMULA] = np.where(
-        full, np.nan, laws.fitted(at["load"], at["hardness"], at["breadth"])
-    )
-    each = [
-        table.assign(law=name, **{RATIO: y / table["y"]}) for name, y in said.items()
-    ]
-    found = pd.concat(each, ignore_index=True)
-    for end, sign in (("low", -1), ("high", 1)):
-        found[f"{RATIO}_{end}"] = found[RATIO] * (1 + sign * found["half_width"])
+    load = table["load"].to_numpy()
+    hardness = table["hardness"].to_numpy()
+    formula = laws.fitted(load, hardness, table["breadth"].to_numpy())
+    outside = laws.contact_area(load, hardness) > laws.FULL
+    predicted = {name: law(load, hardness) for name, law in laws.LAWS.items()}
+    predicted[FORMULA] = np.where(outside, np.nan, formula)
+    tables = []
+    for name, y in predicted.items():
+        tables.append(table.assign(law=name, **{RATIO: y / table["y"]}))
+    found = pd.concat(tables, ignore_index=True)
+    found[f"{RATIO}_low"] = found[RATIO] * (1 - found["half_width"])
+    found[f"{RATIO}_high"] = found[RATIO] * (1 + found["half_width"])
     return found
 
 
 def law_map(table: pd.DataFrame) -> Any:
-    """Contours of each law over the solver in the plane of hardness and load."""
+    """Return a figure with contours of each law over the solver, by hardness and
+    load.
+    """
     names = table["series"].unique()
     with styled():
         figure, panels = new_figure(1.2 + 2.6 * len(names), 3.3, columns=len(names))
         for axes, name in zip(panels, names, strict=True):
-            mine = table[table["series"] == name]
-            grid = mine.pivot_table(index="load", columns="hardness", values=RATIO)
-            at = (grid.columns, grid.index, np.ma.masked_invalid(grid))
+            rows = table[table["series"] == name]
+            grid = rows.pivot_table(index="load", columns="hardness", values=RATIO)
+            data = (grid.columns, grid.index, np.ma.masked_invalid(grid))
             filled = axes.contourf(
-                *at, levels=_BANDS, cmap=DIFFERENCE_MAP, extend="both"
+                *data, levels=_BANDS, cmap=DIFFERENCE_MAP, extend="both"
             )
-            lines = axes.contour(*at, levels=_BANDS, colors="#333333", linewidths=0.8)
+            lines = axes.contour(*data, levels=_BANDS, colors="#333333", linewidths=0.8)
             axes.clabel(lines, fontsize=7)
             axes.set(
                 xscale="log",
@@ -115,13 +141,12 @@ def law_map(table: pd.DataFrame) -> Any:
                 title=name,
                 xlabel=r"hardness over $E^*\xi$ (–)",
             )
-            for axis, values in (("x", table["hardness"]), ("y", table["load"])):
-                axes.set(**{f"{axis}lim": (values.min(), values.max())})
-                ticks = sorted(values.unique())
-                getattr(axes, f"{axis}axis").set_ticks(
-                    ticks, [f"{tick:g}" for tick in ticks]
-                )
-                getattr(axes, f"{axis}axis").set_ticks([], minor=True)
+            axes.set_xlim(table["hardness"].min(), table["hardness"].max())
+            axes.set_ylim(table["load"].min(), table["load"].max())
+            for axis, column in ((axes.xaxis, "hardness"), (axes.yaxis, "load")):
+                ticks = sorted(table[column].unique())
+                axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+                axis.set_ticks([], minor=True)
         panels[0].set_ylabel("mean pressure over hardness (–)")
         figure.colorbar(filled, ax=list(panels), label="law over boundary elements (–)")
     return figure
@@ -154,22 +179,23 @@ def conductance(
     """
     axes = {"hurst": hursts, "hardness": hardnesses, "seed": seeds, "waves": [waves]}
     middle = breadths[len(breadths) // 2]
-    table = ratios(means(say, breadth=[middle], **axes, load=loads)).dropna(
-        subset=RATIO
-    )
+    table = ratios(means(say, breadth=[middle], **axes, load=loads))
     names = {"law": "series", f"{RATIO}_low": "low", f"{RATIO}_high": "high"}
-    shown = table.rename(columns=names)[
-        ["series", "hardness", RATIO, "low", "high", "load"]
-    ]
+    columns = ["series", "hardness", RATIO, "low", "high", "load"]
+    shown = table.dropna(subset=RATIO).rename(columns=names)[columns]
     yield law_map, shown, f"Laws over boundary elements at a breadth of {middle:g}"
     axes |= {"hardness": [min(hardnesses), max(hardnesses)]}
     table = ratios(means(say, breadth=breadths, **axes, load=[0.1]))
     table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)
     table = table[table["hurst"] == hursts[-1]]
-    x, y = (
+    plot = Plot(
         ("breadth", "longest over shortest wave (–)"),
         (RATIO, "law over boundary elements (–)"),
+        ("law", "place"),
+        level=1.0,
+        colour="law",
+        mark="place",
+        log="x",
+        ticks=breadths,
     )
-    look: Any = {"colour": "law", "mark": "place", "log": "x", "ticks": breadths}
-    plot = Plot(x, y, ("law", "place"), level=1.0, **look)
     yield plot, table, "Laws by the breadth of the spectrum, at a tenth of the hardness"

@@ -1,10 +1,9 @@
-"""Studies of what boundary elements cost; `accuracy` has the errors of areas against
-that.
+"""Studies of the cost of boundary elements; `accuracy` has errors of areas against it.
 
 Times are in bare FFT pairs of the same grid, timed in the same run, so that a level
-line is growth as N log N.  The wall clock slows more for a solve than for the best of
-many pairs on a busy machine; the processor time of all threads does not count cores
-that wait or work for others.
+line is growth as N log N.  On a busy machine the wall clock slows more for a solve than
+for the best of many pairs.  The processor time of all threads does not count cores that
+wait or work for others.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import ducc0
@@ -25,12 +23,16 @@ from epcontact.machine import available_cores, forget_peak, peak_memory
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
-from epcontact.studies.frame import Charts, Ints, Rows, Say, rows, study
+from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
 from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
 
-RESIDUAL, AREA = 1e-8, 1e-4
-#: The accuracies to which a scene is solved, by name, as options of `bem.solve`.
-TIGHT, LOOSE = f"residuals {RESIDUAL:g}", f"areas {AREA:g}"
+#: The two accuracies to which a scene is solved: the tolerance of the residuals and the
+#: relative change of the areas.
+RESIDUAL = 1e-8
+AREA = 1e-4
+TIGHT = f"residuals {RESIDUAL:g}"
+LOOSE = f"areas {AREA:g}"
+#: These accuracies by their names, as options of `bem.solve`.
 AIMS: dict[str, dict[str, Any]] = {
     TIGHT: {"tolerance": RESIDUAL},
     LOOSE: {"area_tolerance": AREA},
@@ -40,52 +42,70 @@ _SIDE = ("points_a_side", "grid points a side (–)")
 
 
 def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
-    """The answer of a function with its wall-clock and processor time in s."""
-    started = time.perf_counter(), time.process_time()
-    answer = function()
-    return answer, (time.perf_counter() - started[0], time.process_time() - started[1])
+    """Return the value of a function, and its wall-clock and processor time in s."""
+    wall = time.perf_counter()
+    processor = time.process_time()
+    value = function()
+    return value, (time.perf_counter() - wall, time.process_time() - processor)
 
 
 def cost(
     scene: Scene, *, solves: int = 1, threads: int = 1, **options: Any
 ) -> tuple[ContactResult, dict[str, Any]]:
-    """A result with its FFT pairs, the least times of several solves in those of the
-    bare pairs between them, and the largest memory of the process meanwhile (bytes).
+    """Solve a scene by boundary elements several times and measure the cost.
+
+    Args:
+        scene: The scene.
+        solves: Number of solves, of which the least time counts.
+        threads: Number of threads.
+        options: Options of `bem.solve`.
+
+    Returns:
+        The result without fields, and a row: finest_pairs and all_pairs (FFT pairs),
+        time and processor_time (over those of a bare FFT pair, timed between the
+        solves), memory (largest of the process meanwhile, in bytes).
     """
-    times, pairs = [], [pair_times(scene.surface.shape, threads)]
+    shape = scene.surface.shape
+    times = []
+    pairs = [pair_times(shape, threads)]
     forget_peak()
     for _ in range(solves):
         result, spent = timed(lambda: bem.solve(scene, threads=threads, **options))
         times.append(spent)
-        pairs.append(pair_times(scene.surface.shape, threads))
+        pairs.append(pair_times(shape, threads))
     wall, processor = (np.min(times, axis=0) / np.min(pairs, axis=0)).tolist()
-    told = {
+    row = {
         "finest_pairs": result.cost["fft_pairs"],
         "time": wall,
         "processor_time": processor,
+        "all_pairs": result.cost["equivalent_fft_pairs"],
+        "memory": peak_memory(),
     }
-    told |= {"all_pairs": result.cost["equivalent_fft_pairs"], "memory": peak_memory()}
-    return replace(result, fields={}), told
+    return replace(result, fields={}), row
 
 
 def pair_times(
     shape: tuple[int, ...], threads: int, repeats: int = 5
 ) -> tuple[float, float]:
-    """The least wall-clock and processor time, in s, of a real FFT pair into existing
-    arrays; new arrays would add the time for clearing their pages.
+    """Return the least wall-clock and processor time in s of a real FFT pair.
+
+    The transforms write into existing arrays, because new arrays would add the time for
+    clearing their pages.
     """
     field = np.random.default_rng(1).random(shape)
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
-    back = {
-        "lastsize": shape[-1],
-        "forward": False,
-        "inorm": 2,
-        "allow_overwriting_input": True,
-    }
 
     def pair() -> None:
         ducc0.fft.r2c(field, out=modes, nthreads=threads)
-        ducc0.fft.c2r(modes, out=field, nthreads=threads, **back)
+        ducc0.fft.c2r(
+            modes,
+            out=field,
+            nthreads=threads,
+            lastsize=shape[-1],
+            forward=False,
+            inorm=2,
+            allow_overwriting_input=True,
+        )
 
     wall, processor = np.min([timed(pair)[1] for _ in range(repeats)], axis=0)
     return float(wall), float(processor)
@@ -107,33 +127,33 @@ def by_method(
     from a uniform pressure.  A method that misses a tolerance within its steps has no
     further points.
     """
-    scene, failures = rough_scene(points, 7, bandwidth), dict[str, str]()
+    scene = rough_scene(points, 7, bandwidth)
+    failures: dict[str, str] = {}
     for method in methods:  # compiled and cached before it is timed
         bem.solve(scene, tolerance=0.5, method=method, threads=1)  # type: ignore[arg-type]
     exact = bem.solve(scene, tolerance=1e-10, threads=1)
 
-    def row(method: str, tolerance: float) -> list[dict[str, float]]:
+    def row(method: str, tolerance: float) -> Rows:
         if method in failures:
             return []
         try:
-            options: Any = {
-                "tolerance": tolerance,
-                "method": method,
-                "max_steps": max_steps,
-            }
-            result, spent = cost(scene, **options)
+            result, spent = cost(
+                scene, tolerance=tolerance, method=method, max_steps=max_steps
+            )
         except NotConverged as error:
-            reached = max(error.residuals.values(), default=math.nan)
-            failures[method] = f"; {method} stops at a residual of {reached:.1e}"
+            residual = max(error.residuals.values(), default=math.nan)
+            failures[method] = f"; {method} stops at a residual of {residual:.1e}"
             return []
-        told = {"fft_pairs": spent["all_pairs"], "time_in_fft_pairs": spent["time"]}
-        told["residual"] = max(result.final.residuals.values())
-        return [told | {"relative_error": area_difference(result, exact, ("raw",))}]
+        values = {
+            "fft_pairs": spent["all_pairs"],
+            "time_in_fft_pairs": spent["time"],
+            "residual": max(result.final.residuals.values()),
+            "relative_error": area_difference(result, exact, ("raw",)),
+        }
+        return [values]
 
-    table, failed = (
-        rows(say, row, method=methods, tolerance=tolerances),
-        "".join(failures.values()),
-    )
+    table = tabulate(say, row, method=methods, tolerance=tolerances)
+    failed = "".join(failures.values())
     work = (
         "fft_pairs",
         "FFT pairs of the finest grid, coarser ones by their points (–)",
@@ -178,29 +198,42 @@ def speed(
     threads = threads or available_cores()
     bem.solve(rough_scene(4, 7, 8), threads=threads)  # compiled before it is timed
     forget_peak()
-    held = peak_memory()
+    memory_before = peak_memory()
+    fewest, most = solves
 
     def row(points_a_side: int, law: str) -> Rows:
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
-        count = min(solves[1], max(solves[0], 2**23 // points_a_side**2))
-        options = {"solves": count, "threads": threads}
-        costs, found = {aim: cost(scene, **options, **AIMS[aim]) for aim in AIMS}, []
-        for aim, (result, spent) in costs.items():
-            errors = {"area_error": area_difference(result, costs[TIGHT][0])}
-            errors["bytes_per_point"] = (spent["memory"] - held) / points_a_side**2
-            found.append({"aim": aim} | spent | errors)
-        return found
+        count = min(most, max(fewest, 2**23 // points_a_side**2))
+        found = {}
+        for aim, options in AIMS.items():
+            found[aim] = cost(scene, solves=count, threads=threads, **options)
+        exact, _ = found[TIGHT]
+        rows = []
+        for aim, (result, spent) in found.items():
+            memory = spent["memory"] - memory_before
+            rows.append(
+                {
+                    "aim": aim,
+                    **spent,
+                    "area_error": area_difference(result, exact),
+                    "bytes_per_point": memory / points_a_side**2,
+                }
+            )
+        return rows
 
-    table = rows(say, row, points_a_side=sides, law=LAWS)
+    table = tabulate(say, row, points_a_side=sides, law=LAWS)
     for column, label in _SPEED.items():
-        error = column == "area_error"
-        look: Any = (
-            {"log": "xy"} if error else {"log": "x", "limits": {"ylim": (0, None)}}
-        )
-        look |= {"colour": "law", "mark": "aim", "ticks": sides}
-        drawn = table[table["aim"] == LOOSE] if error else table
-        title = f"{label[0].upper()}{label[1:].partition(' (')[0]}"
+        name, _, _ = label.partition(" (")
+        title = f"{name[0].upper()}{name[1:]}"
+        look: dict[str, Any] = {"colour": "law", "mark": "aim", "ticks": sides}
+        drawn = table
+        if column == "area_error":
+            look["log"] = "xy"
+            drawn = table[table["aim"] == LOOSE]
+        else:
+            look["log"] = "x"
+            look["limits"] = {"ylim": (0, None)}
         yield Plot(_SIDE, (column, label), ("law", "aim"), **look), drawn, title
 
 
@@ -209,9 +242,18 @@ def area_difference(
     exact: ContactResult,
     kinds: Sequence[str] = ("raw", "corrected"),
 ) -> float:
-    """Largest relative difference of an area of these kinds, of those that are not
-    zero.
+    """Return the largest relative difference of the areas of two results.
+
+    Args:
+        result: The result.
+        exact: The result that it is compared with; areas that are 0 here do not count.
+        kinds: Kinds of areas that are compared.
     """
-    areas = [*product(PARTS, kinds)]
-    pairs = [(area_of(result, *area), area_of(exact, *area)) for area in areas]
-    return max(abs(a / b - 1) for a, b in pairs if b > 0)
+    largest = 0.0
+    for part in PARTS:
+        for kind in kinds:
+            reference = area_of(exact, part, kind)
+            if reference > 0:
+                ratio = area_of(result, part, kind) / reference
+                largest = max(largest, abs(ratio - 1))
+    return largest

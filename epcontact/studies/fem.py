@@ -19,22 +19,27 @@ from epcontact.studies.frame import (
     Charts,
     Ints,
     Say,
-    listed,
+    list_rows,
     root_mean_square,
-    rows,
     study,
+    tabulate,
 )
 from epcontact.studies.hardness import PERIOD, model_scene
-from epcontact.studies.paper_scene import area_of, flowed
+from epcontact.studies.paper_scene import area_of, solve_j2
 from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
-DEPTHS, WAVES = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0), (1, 2, 4)
-ERROR, REFERENCE = "relative_error", "uncertainty of the reference"
-#: Series of which the legend tells the order.
-_ORDERS = ("mean dilatation", "full integration", "raw", "corrected", "mean gap")
-#: A J2 body of E* xi/sigma_Y = 5 and nu = 0.3, by its seed, nodes a side and waves in a
-#: period.
-_body = partial(model_scene, 5.0, 0.3)
+#: Depths of the block over the period, and numbers of waves in a period.
+DEPTHS = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
+WAVES = (1, 2, 4)
+ERROR = "relative_error"
+REFERENCE = "uncertainty of the reference"
+_MEAN_DILATATION = "mean dilatation"
+_FORMULATIONS = (_MEAN_DILATATION, "full integration")
+#: Series whose legend shows the observed order of convergence.
+_ORDERS = (*_FORMULATIONS, "raw", "corrected", "mean gap")
+#: A J2 body of E* xi/sigma_Y = 5 and nu = 0.3; its arguments are the seed, the nodes a
+#: side and the number of the shortest waves in a period.
+_j2_scene = partial(model_scene, 5.0, 0.3)
 
 
 @study(
@@ -66,143 +71,200 @@ def fem(
     bonded block are on 64 nodes.  The paths are meshes (nodes a side, layers) of such
     bodies with eight nodes to the shortest wave, in 4 steps, and their seeds.
     """
+    yield _limit_load_chart(say, elements)
+    yield _mesh_chart(say, nodes, sample)
+    yield _depth_chart(say)
+    yield _steps_chart(say, steps, sample)
+    yield _paths_chart(say, *paths)
 
-    def errors(
-        x: tuple[str, str], label: str, ticks: Sequence[float], series: str = "series"
-    ) -> Plot:
-        styles = {REFERENCE: "curve"}
-        return Plot(
-            x, (ERROR, label), (series,), styles, log="xy", ticks=ticks, orders=_ORDERS
-        )
 
-    table = rows(say, punch_error, formulation=_ORDERS[:2], elements=elements)
+#: A look, a table and a title.
+_Chart = tuple[Plot, pd.DataFrame, str]
+
+
+def _error_plot(
+    x: tuple[str, str], label: str, ticks: Sequence[float], series: str = "series"
+) -> Plot:
+    """Return the look of a chart of relative errors over the column x."""
+    styles = {REFERENCE: "curve"}
+    y = (ERROR, label)
+    return Plot(x, y, (series,), styles, log="xy", ticks=ticks, orders=_ORDERS)
+
+
+def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
+    """Return the chart of limit loads by the number of elements under a punch."""
+    table = tabulate(say, punch_error, formulation=_FORMULATIONS, elements=elements)
     x = ("elements", "elements to the half-width of the punch (–)")
-    plot = errors(x, "relative error of the limit load (–)", elements, "formulation")
-    yield (
-        plot,
-        table,
-        "Limit load by bricks with mean dilatation, and with all strain integrated",
+    plot = _error_plot(
+        x, "relative error of the limit load (–)", elements, "formulation"
     )
-    axes = {"seed": sample[1], "waves": [sample[0]]}
-    known = rows(say, answer, **axes, nodes_per_wavelength=nodes)
+    title = "Limit load by bricks with mean dilatation, and with all strain integrated"
+    return plot, table, title
+
+
+def _mesh_chart(say: Say, nodes: Ints, sample: tuple[int, Ints]) -> _Chart:
+    """Return the chart of contact areas by the nodes per shortest wavelength."""
+    waves, seeds = sample
+    solved = tabulate(
+        say, solve_sample, seed=seeds, waves=[waves], nodes_per_wavelength=nodes
+    )
     x = ("nodes_per_wavelength", "nodes per shortest wavelength (–)")
-    table = errors_of(known, x[0], {"raw": "corrected", "corrected": "corrected"})
-    finest = known[known[x[0]] == nodes[-1]]
-    claim = math.sqrt(((finest["claim"] / finest["corrected"]) ** 2).mean())
-    claims = pd.DataFrame({x[0]: nodes[:-1], "series": REFERENCE, ERROR: claim})
-    plot = errors(x, "relative error of the contact area (–)", nodes[:-1])
-    yield plot, pd.concat([table, claims]), "Contact area against the mesh"
-    table = rows(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
+    references = {"raw": "corrected", "corrected": "corrected"}
+    table = errors_of(solved, x[0], references)
+    finest = solved[solved[x[0]] == nodes[-1]]
+    relative = finest["error_estimate"] / finest["corrected"]
+    uncertainty = math.sqrt((relative**2).mean())
+    level = pd.DataFrame({x[0]: nodes[:-1], "series": REFERENCE, ERROR: uncertainty})
+    plot = _error_plot(x, "relative error of the contact area (–)", nodes[:-1])
+    return plot, pd.concat([table, level]), "Contact area against the mesh"
+
+
+def _depth_chart(say: Say) -> _Chart:
+    """Return the chart of the block's compliance by its depth."""
+    table = tabulate(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
     table["series"] = table["waves"].map("waves in a period: {}".format)
     x = ("depth_over_period", "depth over the period (–)")
-    plot = errors(x, "compliance over half-space's, less 1 (–)", DEPTHS)
-    yield plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
-    known = rows(say, answer, **axes, load_steps=steps).rename(
-        columns={"raw": "contact area"}
-    )
+    plot = _error_plot(x, "compliance over half-space's, less 1 (–)", DEPTHS)
+    return plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
+
+
+def _steps_chart(say: Say, steps: Ints, sample: tuple[int, Ints]) -> _Chart:
+    """Return the chart of areas and gaps by the number of load steps."""
+    waves, seeds = sample
+    solved = tabulate(say, solve_sample, seed=seeds, waves=[waves], load_steps=steps)
+    solved = solved.rename(columns={"raw": "contact area"})
     x = ("load_steps", "load steps (–)")
-    table = errors_of(
-        known, x[0], {name: name for name in ("contact area", "mean gap")}
-    )
-    plot = errors(x, "relative error (–)", steps[:-1])
-    counts = listed(
-        table[table["series"] == "mean gap"], "{load_steps}: {cg_iterations:.0f}"
-    )
-    yield (
-        plot,
-        table,
-        f"Raw contact area and mean gap by steps. CG iterations of paths: {counts}",
-    )
-    costs = path_costs(say, *paths)
-    x, y = (
-        ("nodes", "nodes a side (–)"),
-        ("iterations", "iterations of the load path (–)"),
-    )
+    references = {"contact area": "contact area", "mean gap": "mean gap"}
+    table = errors_of(solved, x[0], references)
+    plot = _error_plot(x, "relative error (–)", steps[:-1])
+    once = table[table["series"] == "mean gap"]
+    counts = list_rows(once, "{load_steps}: {cg_iterations:.0f}")
+    title = f"Raw contact area and mean gap by steps. CG iterations of paths: {counts}"
+    return plot, table, title
+
+
+def _paths_chart(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> _Chart:
+    """Return the chart of the iterations of load paths by the mesh."""
+    costs = path_costs(say, meshes, seeds)
+    x = ("nodes", "nodes a side (–)")
+    y = ("iterations", "iterations of the load path (–)")
     plot = Plot(x, y, ("solver",), log="x", ticks=costs["nodes"].tolist())
-    table = costs.melt(
-        "nodes", ["conjugate gradients", "Newton"], "solver", "iterations"
-    )
-    times = listed(costs, "{nodes:.0f}: {time_in_fft_pairs:.3g}")
-    yield (
-        plot,
-        table,
-        f"J2 load paths. Time in FFT pairs of 2048 x 2048 points, by nodes: {times}",
-    )
+    solvers = ["conjugate gradients", "Newton"]
+    table = costs.melt("nodes", solvers, "solver", "iterations")
+    times = list_rows(costs, "{nodes:.0f}: {time_in_fft_pairs:.3g}")
+    title = f"J2 load paths. Time in FFT pairs of 2048 x 2048 points, by nodes: {times}"
+    return plot, table, title
 
 
 def punch_error(formulation: str, elements: int) -> dict[str, float]:
-    """Error of the limit load of a strip punch with so many elements in its half-width;
-    NaN where the solver does not converge, as on elements that lock.
+    """Return the relative error of the limit load of a strip punch.
+
+    It is NaN where the solver does not converge, as on elements that lock.
+
+    Args:
+        formulation: "mean dilatation" or "full integration".
+        elements: Number of elements in the half-width of the punch.
     """
     try:
-        found = strip_punch(elements, mean_dilatation=formulation == "mean dilatation")[
-            -1
-        ]
+        *_, limit = strip_punch(
+            elements, mean_dilatation=formulation == _MEAN_DILATATION
+        )
     except NotConverged:
-        found = math.nan
-    return {ERROR: abs(found / STRIP_LIMIT - 1)}
+        limit = math.nan
+    return {ERROR: abs(limit / STRIP_LIMIT - 1)}
 
 
-def answer(
+def solve_sample(
     seed: int, waves: int, nodes_per_wavelength: int = 6, load_steps: int = 10
 ) -> dict[str, float]:
-    """The contact areas of the J2 body, its mean gap, and the CG iterations of its
-    path.
+    """Return areas, mean gap (m) and CG iterations of the load path of a J2 body.
+
+    Args:
+        seed: Seed of the surface.
+        waves: Number of the shortest waves in a period.
+        nodes_per_wavelength: Nodes per shortest wavelength.
+        load_steps: Number of load steps.
     """
-    result = flowed(_body(seed, nodes_per_wavelength * waves, waves), steps=load_steps)
-    areas = {"raw": "raw", "corrected": "corrected", "claim": "error"}
-    return {name: area_of(result, "total", kind) for name, kind in areas.items()} | {
+    scene = _j2_scene(seed, nodes_per_wavelength * waves, waves)
+    result = solve_j2(scene, steps=load_steps)
+    return {
+        "raw": area_of(result, "total", "raw"),
+        "corrected": area_of(result, "total"),
+        "error_estimate": area_of(result, "total", "error"),
         "mean gap": result.final.quantities["mean_gap"],
         "cg_iterations": result.cost["cg_iterations"],
     }
 
 
 def errors_of(
-    known: pd.DataFrame, setting: str, references: Mapping[str, str]
+    solved: pd.DataFrame, setting: str, references: Mapping[str, str]
 ) -> pd.DataFrame:
-    """The relative errors of columns, rms over the surfaces, at all but the last
-    setting, at which each has a column for its reference; and the means of the CG
-    iterations.
+    """Return relative errors as root mean squares over the surfaces.
+
+    Args:
+        solved: A row for each seed and setting, with cg_iterations, whose means are in
+            the result.
+        setting: The column of the setting; rows of each seed end with the reference.
+        references: Names of the columns with errors, each with the column that is its
+            reference at the last setting.
+
+    Returns:
+        Columns series, `setting`, ERROR and cg_iterations, without the last setting.
     """
-    last = known.groupby("seed").transform("last")
-    off = known.assign(
-        **{name: known[name] / last[of] - 1 for name, of in references.items()}
-    )
-    table = off[known[setting] != last[setting]].melt(
-        ["seed", setting, "cg_iterations"], [*references], "series", ERROR
-    )
+    last = solved.groupby("seed").transform("last")
+    errors = {}
+    for name, reference in references.items():
+        errors[name] = solved[name] / last[reference] - 1
+    with_errors = solved.assign(**errors)
+    before_last = with_errors[solved[setting] != last[setting]]
+    identifiers = ["seed", setting, "cg_iterations"]
+    table = before_last.melt(identifiers, list(references), "series", ERROR)
     return root_mean_square(table, ERROR, ["series", setting])
 
 
 def depth_error(waves: int, depth_over_period: float) -> dict[str, float]:
-    """The block's compliance of a wave over the half-space's 2/(E* q), minus 1."""
+    """Return the block's compliance of a wave over the half-space's 2/(E* q), minus 1.
+
+    `waves` is the number of waves in a period.
+    """
     layer = Body("bonded_layer", depth_over_period * PERIOD)
-    scene = replace(_body(7, 64), body=layer)
+    scene = replace(_j2_scene(7, 64), body=layer)
     compliance = fem_check.surface_compliance(scene)[0, waves]
-    exact = 2 / (effective_modulus(scene.material) * 2 * math.pi / PERIOD * waves)
+    q = 2 * math.pi / PERIOD * waves
+    exact = 2 / (effective_modulus(scene.material) * q)
     return {ERROR: abs(float(compliance) / exact - 1)}
 
 
 def path_costs(
     say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints
 ) -> pd.DataFrame:
-    """Means over the surfaces of load paths in four increments on meshes (nodes a side,
-    layers): the iterations of the path by their names, and time_in_fft_pairs of 2048 x
-    2048 points.
+    """Return the cost of load paths in four increments, as means over the surfaces.
+
+    Args:
+        say: Called with the arguments before each path.
+        meshes: Nodes a side and layers of each mesh.
+        seeds: Seeds of the surfaces.
+
+    Returns:
+        Columns nodes, "conjugate gradients" and "Newton" (iterations of the path), and
+        time_in_fft_pairs of 2048 x 2048 points (processor time).
     """
 
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
-        (nodes, layers), pair = mesh, pair_times((2048, 2048), 1, 3)[1]
-        scene = _body(seed, nodes, nodes // 8)
-        result, (_, spent) = timed(
-            lambda: flowed(scene, layers=layers, steps=4, threads=1)
+        nodes, layers = mesh
+        _, time_of_pair = pair_times((2048, 2048), 1, 3)
+        scene = _j2_scene(seed, nodes, nodes // 8)
+        result, (_, processor) = timed(
+            lambda: solve_j2(scene, layers=layers, steps=4, threads=1)
         )
-        told = {"nodes": nodes, "conjugate gradients": result.cost["cg_iterations"]}
-        return told | {
+        return {
+            "nodes": nodes,
+            "conjugate gradients": result.cost["cg_iterations"],
             "Newton": result.cost["newton_steps"],
-            "time_in_fft_pairs": spent / pair,
+            "time_in_fft_pairs": processor / time_of_pair,
         }
 
-    flowed(_body(5, 16, 2), layers=8, steps=4, threads=1)  # compiled before it is timed
-    table = rows(say, row, mesh=meshes, seed=seeds)
+    # Kernels are compiled before they are timed.
+    solve_j2(_j2_scene(5, 16, 2), layers=8, steps=4, threads=1)
+    table = tabulate(say, row, mesh=meshes, seed=seeds)
     return table.groupby("nodes", sort=False).mean(numeric_only=True).reset_index()

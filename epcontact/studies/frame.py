@@ -1,9 +1,9 @@
-"""The frame of the studies: from a function that yields tables of rows to charts and
-their files.
+"""The frame of the studies: from a function that yields tables to charts and files.
 
-A study is one function that yields, for each of its charts, a `Plot`, the rows that the
-plot draws and a title.  Rows with a column `seed` become means over the surfaces with
-their intervals.  A caption is the title, the docstring of the study and its options.
+A study is one function that yields, for each of its charts, a `Plot`, the table that
+the plot draws and a title.  A table with a column `seed` is replaced by the means over
+the surfaces with their intervals.  A caption is the title, the docstring of the study
+and its options.
 """
 
 from __future__ import annotations
@@ -29,157 +29,216 @@ Ints = Sequence[int]
 Rows = list[dict[str, Any]]
 #: Called with a sentence before each longer piece of work.
 Say = Callable[[str], None]
-#: The look of a chart, or what draws it of its rows.
+#: The look of a chart, or a function that draws the figure of a table.
 Look = Plot | Callable[[pd.DataFrame], Any]
-#: What a study yields, a chart each: its look, its rows and its title.
+#: What a study yields for each chart: its look, its table and its title.
 Charts = Iterator[tuple[Look, pd.DataFrame, str]]
 
 #: Every study by its name, in the order in which their modules are imported.
 STUDIES: dict[str, Study] = {}
 
+#: Columns whose values are fractions, so that their intervals end at 0 and 1.
+_FRACTIONS = re.compile("share|fraction|overlap|^area$")
+
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its name, its function, and the options of its full size."""
+    """A study.
+
+    Attributes:
+        name: The name by which the command `chart` draws it.
+        function: The function that yields its charts; its first argument is a `Say`,
+            the others are options with defaults for a small size, which takes seconds.
+        full: Options of its full size, which takes minutes.
+    """
 
     name: str
-    make: Callable[..., Charts]
+    function: Callable[..., Charts]
     full: Mapping[str, Any]
 
     @property
     def description(self) -> str:
-        """The first line of the function's docstring."""
-        return (self.make.__doc__ or "").partition("\n")[0].rstrip(".")
+        """The first line of the function's docstring, without its full stop."""
+        first_line, *_ = (self.function.__doc__ or "").split("\n")
+        return first_line.rstrip(".")
 
     def run(
         self, say: Say = lambda _: None, *, full: bool = False, **options: Any
     ) -> list[Chart]:
-        """Make the charts in seconds, or in full in minutes, with options changed.
-        Raises EpcontactError if a solver does not converge or another code is not
-        installed.
+        """Return the charts of the study.
+
+        Args:
+            say: Called with a sentence before each longer piece of work.
+            full: Whether the study runs at its full size.
+            options: Options of the study that differ from those of the size.
+
+        Raises:
+            EpcontactError: A solver does not converge, or another code is missing.
         """
-        parameters = list(inspect.signature(self.make).parameters.values())[1:]
-        usual = {one.name: one.default for one in parameters}
-        given = usual | (dict(self.full) if full else {}) | options
-        kinds: Any = str | float | int | Sequence  # options of others are data
-        told = [
-            f"{k} {_shown(v)}"
-            for k, v in given.items()
-            if isinstance(v, kinds) and v != ()
-        ]
-        about = " ".join((self.make.__doc__ or "").split())
-        about += f" Options: {'; '.join(told)}." if told else ""
-        charts = self.make(lambda what: say(f"{self.name}: {what}"), **given)
+        _, *parameters = inspect.signature(self.function).parameters.values()
+        values = {parameter.name: parameter.default for parameter in parameters}
+        if full:
+            values |= self.full
+        values |= options
+
+        def say_with_name(sentence: str) -> None:
+            say(f"{self.name}: {sentence}")
+
+        about = " ".join((self.function.__doc__ or "").split())
+        described = _describe_options(values)
+        if described:
+            about += f" Options: {described}."
+        charts = self.function(say_with_name, **values)
         return [
-            _drawn(plot, table, f"{title}. {about}") for plot, table, title in charts
+            _draw(look, table, f"{title}. {about}") for look, table, title in charts
         ]
 
 
 def study(
     name: str, **full: Any
 ) -> Callable[[Callable[..., Charts]], Callable[..., Charts]]:
-    """Make a study of a function of `say` and options; the decorator has those of the
-    full size.
+    """Return a decorator that adds a function to `STUDIES`.
+
+    Args:
+        name: Name of the study.
+        full: Options of its full size.
     """
 
-    def register(make: Callable[..., Charts]) -> Callable[..., Charts]:
-        STUDIES[name] = Study(name, make, full)
-        return make
+    def register(function: Callable[..., Charts]) -> Callable[..., Charts]:
+        STUDIES[name] = Study(name, function, full)
+        return function
 
     return register
 
 
-def rows(
+def tabulate(
     say: Say, row: Callable[..., Any], **axes: Sequence[Any] | Mapping[Any, Any]
 ) -> Any:
-    """The table of the axes and `row(**point)`, one or several rows, at every
-    combination.
+    """Return a table of a function's values at every combination of its arguments.
+
+    Args:
+        say: Called with the arguments before each call.
+        row: Function of one value of each axis, which returns the further columns of a
+            row as a dictionary, or a list of several rows.
+        axes: Values of each argument.
+
+    Returns:
+        A pandas table with a column for each axis and each key of the rows.
     """
-    found = []
+    table = []
     for values in product(*axes.values()):
         point = dict(zip(axes, values, strict=True))
-        say(", ".join(f"{name} {_shown(value)}" for name, value in point.items()))
-        several = row(**point)
-        found += [
-            point | each
-            for each in (several if isinstance(several, list) else [several])
-        ]
-    return pd.DataFrame(found)
+        say(", ".join(f"{name} {_in_words(value)}" for name, value in point.items()))
+        rows = row(**point)
+        if not isinstance(rows, list):
+            rows = [rows]
+        table += [point | each for each in rows]
+    return pd.DataFrame(table)
 
 
 def mean_with_interval(
     table: pd.DataFrame, value: str, by: Sequence[str], shared_error: str = ""
 ) -> pd.DataFrame:
-    """Means of all columns over groups, in the order of their first rows, and of one of
-    them <value>_low and <value>_high, Student's 95 % interval.  `shared_error` is a
-    column of errors that the rows of a group have in common, so that they do not
-    average out: their mean is added in quadrature.
+    """Return means over groups of rows, with the 95 % interval of one column.
+
+    Args:
+        table: Rows, one for each surface; a column `seed` is dropped.
+        value: The column that gets an interval by Student's distribution, in the
+            columns <value>_low and <value>_high.
+        by: Columns that define the groups, which keep the order of their first rows.
+        shared_error: A column of errors that the rows of a group have in common and
+            that do not average out; their mean is added in quadrature.
     """
     groups = table.groupby(list(by), sort=False)
-    found = groups.mean(numeric_only=True).drop(columns="seed", errors="ignore")
-    half_width = groups[value].agg(
-        lambda values: estimate(values.to_numpy()).half_width
-    )
+    means = groups.mean(numeric_only=True).drop(columns="seed", errors="ignore")
+    half_width = groups[value].agg(lambda v: estimate(v.to_numpy()).half_width)
     if shared_error:
-        half_width = np.hypot(half_width, found[shared_error])
-    low, high = found[value] - half_width, found[value] + half_width
-    if (
-        re.search("share|fraction|overlap|^area$", value)
-        and table[value].between(0, 1).all()
-    ):
-        low, high = low.clip(lower=0), high.clip(upper=1)
-    return found.assign(**{f"{value}_low": low, f"{value}_high": high}).reset_index()
+        half_width = np.hypot(half_width, means[shared_error])
+    low = means[value] - half_width
+    high = means[value] + half_width
+    if _FRACTIONS.search(value) and table[value].between(0, 1).all():
+        low = low.clip(lower=0)
+        high = high.clip(upper=1)
+    bounds = {f"{value}_low": low, f"{value}_high": high}
+    return means.assign(**bounds).reset_index()
 
 
 def root_mean_square(
     table: pd.DataFrame, value: str, by: Sequence[str]
 ) -> pd.DataFrame:
-    """Means over the surfaces of each group, in the order of first rows; of `value` the
-    rms.
+    """Return means over groups of rows, and of one column the root mean square.
+
+    Args:
+        table: Rows, one for each surface, with a column `seed`, which is dropped.
+        value: The column of the root mean square.
+        by: Columns that define the groups, which keep the order of their first rows.
     """
     squares = table.assign(**{value: table[value] ** 2}).drop(columns="seed")
     means = squares.groupby(list(by), sort=False).mean(numeric_only=True).reset_index()
     return means.assign(**{value: np.sqrt(means[value])})
 
 
-def listed(table: pd.DataFrame, form: str) -> str:
-    """List the rows of a table for a title: `form` with the columns filled in."""
+def list_rows(table: pd.DataFrame, form: str) -> str:
+    """Return the rows of a table for a title, separated by commas.
+
+    `form` is a format string with the names of columns.
+    """
     return ", ".join(form.format(**row) for row in table.to_dict("records"))
 
 
 def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
-    """Write the charts of a study as <name>-1, <name>-2, ... (a single one as <name>),
-    four files each; raises OutputError if one cannot be written.
+    """Write the charts of a study, four files each, and return their paths.
+
+    The files are named <name>-1, <name>-2, ... with four endings, or <name> if there is
+    one chart.
+
+    Raises:
+        OutputError: A file cannot be written.
     """
-    stems = (
-        [name] if len(charts) == 1 else [f"{name}-{i + 1}" for i in range(len(charts))]
-    )
-    saved = (
-        chart.save(folder / stem) for stem, chart in zip(stems, charts, strict=True)
-    )
-    return [path for paths in saved for path in paths]
+    paths: list[Path] = []
+    for number, chart in enumerate(charts, 1):
+        stem = name if len(charts) == 1 else f"{name}-{number}"
+        paths += chart.save(folder / stem)
+    return paths
 
 
-def _shown(value: Any) -> str:
+def _describe_options(values: Mapping[str, Any]) -> str:
+    """Return options in words; options of other types than these hold data."""
+    described = []
+    for name, value in values.items():
+        if isinstance(value, str | float | int | Sequence) and value != ():
+            described.append(f"{name} {_in_words(value)}")
+    return "; ".join(described)
+
+
+def _in_words(value: Any) -> str:
+    """Return a number, word, range or list as a caption shows it."""
     if isinstance(value, range):
         return f"{value[0]} to {value[-1]}"
-    if isinstance(value, tuple | list):
-        parts = [
-            f"({_shown(v)})" if isinstance(v, tuple | list) else _shown(v)
-            for v in value
-        ]
-        return ", ".join(parts if len(parts) < 7 else (*parts[:2], "…", parts[-1]))
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    if not isinstance(value, tuple | list):
+        return str(value)
+    parts = []
+    for item in value:
+        words = _in_words(item)
+        parts.append(f"({words})" if isinstance(item, tuple | list) else words)
+    if len(parts) >= 7:
+        parts = [*parts[:2], "…", parts[-1]]
+    return ", ".join(parts)
 
 
-def _drawn(plot: Look, table: pd.DataFrame, caption: str) -> Chart:
-    if not isinstance(plot, Plot):
+def _draw(look: Look, table: pd.DataFrame, caption: str) -> Chart:
+    """Return the chart of a table; rows of several surfaces become their means."""
+    if not isinstance(look, Plot):
         rows = table.to_numpy().tolist()
-        return Chart(plot(table), list(table), rows, typeset(caption, mathtext=False))
+        caption = typeset(caption, mathtext=False)
+        return Chart(look(table), list(table), rows, caption)
     if "seed" in table:
-        named = [*plot.series, plot.x[0], *([plot.colour] if plot.colour else [])]
-        caption += (
-            f" Means of {table['seed'].nunique()} surfaces with their 95 % intervals."
-        )
-        table = mean_with_interval(table, plot.y[0], list(dict.fromkeys(named)))
-    return draw_table(table, plot, caption)
+        count = table["seed"].nunique()
+        caption += f" Means of {count} surfaces with their 95 % intervals."
+        by = [*look.series, look.x[0]]
+        if look.colour:
+            by.append(look.colour)
+        table = mean_with_interval(table, look.y[0], list(dict.fromkeys(by)))
+    return draw_table(table, look, caption)

@@ -1,10 +1,9 @@
-"""The scenes and laws that studies share: the paper's roughness, material and load, at
-any width.
+"""The scenes and laws that studies share: the paper's roughness, material and load.
 
 Self-affine surfaces of Hurst exponent 0.8 and rms slope 1, roll-off at four times the
 lowest wave number, E* = 250 GPa, hardness 150 GPa, mean pressure 12.5 GPa (Almqvist and
 Persson, "Multiscale contact mechanics for elastoplastic contacts").  `bandwidth` is the
-ratio of the highest to the lowest wave number, 256 in the paper; a narrower band costs
+ratio of the highest to the lowest wave number, 256 in the paper.  A narrower band costs
 less and keeps p0/(E* xi) = 0.05 and hardness/(E* xi) = 0.6, the only groups on which
 small-slope contact depends.
 """
@@ -14,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pandas as pd
 
@@ -23,33 +21,36 @@ from epcontact import bem, persson
 from epcontact.output.charts.curves import pressure_density
 from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
+from epcontact.studies.frame import Rows
 from epcontact.surfaces import SelfAffine
 
-LOWEST = 2.5e4  # rad/m
-MODULUS, HARDNESS, MEAN_PRESSURE = (
-    250e9,
-    150e9,
-    12.5e9,
-)  # Pa; Poisson's ratio is 0, E* = E
+#: The lowest wave number in rad/m.
+LOWEST = 2.5e4
+#: E* (Poisson's ratio is 0), hardness and mean pressure in Pa.
+MODULUS = 250e9
+HARDNESS = 150e9
+MEAN_PRESSURE = 12.5e9
+#: The theory's constant energy reduction.
 GAMMA = 0.536
 PARTS = ("total", "elastic", "plastic")
 #: Hardness over yield stress, as in the paper.
 TABOR = 3.0
-LAWS = {"capped": HARDNESS, "elastic": math.inf}  # Pa
-#: Intervals of densities of the pressure up to the hardness.
+#: The hardness in Pa of each law.
+LAWS = {"capped": HARDNESS, "elastic": math.inf}
+#: Number of intervals of the pressure, up to the hardness, of a density.
 BINS = 40
 
-#: Boundary elements until the areas have settled, and the theory on the surface's own
-#: spectrum.
-settled = partial(bem.solve, area_tolerance=1e-5)
-by_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
+#: Boundary elements, solved until the areas have settled.
+solve_bem = partial(bem.solve, area_tolerance=1e-5)
+#: The theory, on the spectrum of the surface itself.
+solve_theory = partial(persson.solve, energy_reduction=GAMMA, spectrum="surface")
 theory_of = partial(persson.Theory.of_scene, energy_reduction=GAMMA, spectrum="surface")
 #: Finite elements of J2 flow, without the certificate, which takes time.
-flowed = partial(fem_check.solve, law="j2", certified=False)
+solve_j2 = partial(fem_check.solve, law="j2", certified=False)
 
 
 def self_affine(
-    q: float,
+    lowest: float,
     shape: tuple[int, ...],
     seed: int,
     shortest: float,
@@ -57,11 +58,22 @@ def self_affine(
     hurst: float = 0.8,
     slope: float = 1.0,
 ) -> Surface:
-    """Self-affine roughness of the lowest wave number q, whose period has so many of
-    its shortest waves, and of its roll-off.
+    """Return self-affine roughness whose period is the longest wave.
+
+    Args:
+        lowest: Lowest wave number in rad/m.
+        shape: Shape of the grid.
+        seed: Seed of the random phases.
+        shortest: Number of the shortest waves in a period.
+        roll_off: Number of the waves of the roll-off in a period.
+        hurst: Hurst exponent.
+        slope: rms slope.
     """
-    spectrum = SelfAffineSpectrum(hurst, q, roll_off * q, shortest * q, slope)
-    return SelfAffine(spectrum, (2 * math.pi / q,) * len(shape), shape, seed).build()
+    spectrum = SelfAffineSpectrum(
+        hurst, lowest, roll_off * lowest, shortest * lowest, slope
+    )
+    periods = (2 * math.pi / lowest,) * len(shape)
+    return SelfAffine(spectrum, periods, shape, seed).build()
 
 
 def rough_scene(
@@ -70,46 +82,59 @@ def rough_scene(
     bandwidth: int = 256,
     hardness: float = HARDNESS,
 ) -> Scene:
-    """A square period of the paper's roughness with so many points per shortest
-    wavelength.
+    """Return the paper's scene on a square period.
+
+    Args:
+        points_per_wavelength: Grid points per shortest wavelength.
+        seed: Seed of the surface.
+        bandwidth: Number of the shortest waves in a period.
+        hardness: In Pa; infinite for an elastic body.
     """
-    shape = (round(points_per_wavelength * bandwidth),) * 2
-    surface = self_affine(LOWEST, shape, seed, bandwidth, roll_off=4)
+    points = round(points_per_wavelength * bandwidth)
+    surface = self_affine(LOWEST, (points, points), seed, bandwidth, roll_off=4)
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
 
 
 def yielding(scene: Scene) -> Scene:
-    """The scene of a J2 body whose yield stress is the hardness over TABOR."""
-    stress = scene.material.hardness / TABOR
-    return replace(
-        scene, material=replace(scene.material, hardness=math.inf, yield_stress=stress)
-    )
+    """Return the scene of a J2 body whose yield stress is the hardness over TABOR."""
+    yield_stress = scene.material.hardness / TABOR
+    material = replace(scene.material, hardness=math.inf, yield_stress=yield_stress)
+    return replace(scene, material=material)
 
 
 def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
-    """One area of the last load step, as a fraction of the nominal area."""
+    """Return one area of the last load step as a fraction of the nominal area.
+
+    `part` is total, elastic or plastic, and `kind` is raw, corrected or error.
+    """
     return float(getattr(result.final.areas[kind], part))
 
 
-def area_rows(result: ContactResult) -> list[dict[str, Any]]:
-    """A row for each part of the corrected area: part, area_fraction and its
-    estimated_error.
+def area_rows(result: ContactResult) -> Rows:
+    """Return a row for each part of the corrected area.
+
+    Columns: part, area_fraction and its estimated_error.
     """
-    kinds = {"area_fraction": "corrected", "estimated_error": "error"}
-    return [
-        {"part": p} | {k: area_of(result, p, v) for k, v in kinds.items()}
-        for p in PARTS
-    ]
+    rows = []
+    for part in PARTS:
+        area = area_of(result, part)
+        error = area_of(result, part, "error")
+        rows.append({"part": part, "area_fraction": area, "estimated_error": error})
+    return rows
 
 
 def binned(
-    of: PressureDistribution | None, unit: float, names: tuple[str, str]
+    distribution: PressureDistribution | None, unit: float, names: tuple[str, str]
 ) -> pd.DataFrame:
-    """The pressures of BINS intervals, in a unit of so many Pa, and the density in
-    each.
+    """Return the density of the pressure in BINS intervals up to the hardness.
+
+    Args:
+        distribution: Distribution of the pressure, which must exist.
+        unit: Unit of the pressure in Pa.
+        names: Names of the columns of pressures and densities.
     """
-    assert of is not None
-    pressure, density = pressure_density(of, BINS, HARDNESS)
-    return pd.DataFrame(
-        dict(zip(names, (pressure / unit, density * unit), strict=True))
-    )
+    assert distribution is not None
+    pressure, density = pressure_density(distribution, BINS, HARDNESS)
+    pressure_name, density_name = names
+    columns = {pressure_name: pressure / unit, density_name: density * unit}
+    return pd.DataFrame(columns)

@@ -33,7 +33,7 @@ from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.output.charts.plot import Plot
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, TIGHT, timed
-from epcontact.studies.frame import Charts, Rows, Say, listed, rows, study
+from epcontact.studies.frame import Charts, Rows, Say, list_rows, study, tabulate
 from epcontact.studies.paper_scene import LAWS, MODULUS, rough_scene
 
 #: Largest relative difference of total and plastic raw areas that counts as the same
@@ -145,7 +145,7 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
             law, 4, solvers, child.call
         )  # imports and plans of transforms are not timed
         on_all = partial(race, peers=solvers, call=child.call)
-        yield race_chart(rows(say, on_all, law=[law], bandwidth=widths))
+        yield race_chart(tabulate(say, on_all, law=[law], bandwidth=widths))
     child.end()
 
 
@@ -161,7 +161,7 @@ def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
         ("Without agreement", ~races["agrees"] & ~late),
         (f"More than {MOST} times to {TIGHT}", late),
     ):
-        title += f". {why}: {listed(races[some], form)}" if some.any() else ""
+        title += f". {why}: {list_rows(races[some], form)}" if some.any() else ""
     # The settings of the peers change from grid to grid.
     drawn = races.assign(aim=races["setting"].where(is_own, ""))[races["agrees"]]
     x = ("points_a_side", "grid points a side (–)")

@@ -1,17 +1,18 @@
-"""The study of stability: the parameters at which each method converges, with its
-failures.
+"""The study of stability: the parameters at which each method converges.
 
-capped   boundary elements, p0/hardness against hardness/(E* xi): the Newton solver, each baseline
+capped   boundary elements, p0/hardness against hardness/(E* xi): the Newton solver and
+         each baseline
 elastic  the same for an infinite hardness, against p0/(E* xi) alone
-theory   p0/hardness against G/hardness^2: the eigenfunctions, the images, and what the package
-         makes of them; effort is the number of terms, residual the relative error of
-         the areas
-fem      p0/(E* xi) against E* xi/yield_stress: J2 half-blocks, one panel a Poisson's ratio
+theory   p0/hardness against G/hardness^2: the eigenfunctions, the images, and the
+         package, which chooses between them; effort is the number of terms, residual
+         the relative error of the areas
+fem      p0/(E* xi) against E* xi/yield_stress: J2 half-blocks, one panel for each
+         Poisson's ratio
 
-A point counts as converged only if the answer also passes a check that is independent
+A point counts as converged only if the result also passes a check that is independent
 of the method: the contact conditions measured on the pressure field by other transforms
 (capped, elastic), the conservation of force and the particle-hole symmetry of the areas
-(theory), the balance as scikit-fem's assembly finds it (fem).
+(theory), the balance by scikit-fem's assembly (fem).
 """
 
 from __future__ import annotations
@@ -34,16 +35,17 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import stability_map
 from epcontact.results import ContactResult, package_versions
 from epcontact.scene import Load, Material, Scene, Surface
-from epcontact.studies.frame import Say, rows
+from epcontact.studies.frame import Say, tabulate
 from epcontact.studies.paper_scene import self_affine
 
 #: Largest allowed violation of the contact conditions, measured by the harness, of a
-#: solve that claims 1e-8, and relative error of an area up to which a sum of the theory
-#: has converged.
-EXAMINED, AREA_ERROR = 1e-6, 1e-9
+#: solve to 1e-8.
+EXAMINED = 1e-6
+#: Relative error of an area up to which a sum of the theory has converged.
+AREA_ERROR = 1e-9
+#: Most terms of a sum.
 _TERMS = 200
-#: A division by zero counts as a failure like a report that the solver did not
-#: converge.
+#: A division by zero counts as a failure like an error of the solver.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
 #: The labels of x, y and effort on each map.
@@ -56,8 +58,8 @@ MAPS = {
 _SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99)
 _RATIOS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
 _LOADS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
-#: The axes x and y of each map, Poisson's ratios, and grid points and step limits, by
-#: size.
+#: For each size the axes x and y of each map, Poisson's ratios, grid points and limits
+#: of steps.
 SIZES: dict[str, dict[str, Any]] = {
     "coarse": {
         "capped": ((0.001, 0.1, 0.5, 0.99), (0.001, 0.1, 1.0, 100.0)),
@@ -65,7 +67,9 @@ SIZES: dict[str, dict[str, Any]] = {
         "theory": ((0.001, 0.1, 0.5, 0.99), (1e-4, 1e-2, 0.2, 1.0, 10.0)),
         "fem": ((0.01, 0.2), (0.5, 5.0, 50.0)),
         "poisson_ratios": (0.0, 0.3, 0.499),
-        **{"points": (32, 32), "fem_points": (32,), "baseline_steps": 500},
+        "points": (32, 32),
+        "fem_points": (32,),
+        "baseline_steps": 500,
     },
     "full": {
         "capped": (_SHARES, _RATIOS),
@@ -73,7 +77,9 @@ SIZES: dict[str, dict[str, Any]] = {
         "theory": (_SHARES, tuple(np.geomspace(1e-6, 1e2, 17).tolist())),
         "fem": ((0.003, 0.01, 0.05, 0.2, 1.0), (0.5, 2.0, 5.0, 15.0, 50.0)),
         "poisson_ratios": (0.0, 0.2, 0.3, 0.4, 0.49, 0.499),
-        **{"points": (128, 128), "fem_points": (24, 24), "baseline_steps": 1000},
+        "points": (128, 128),
+        "fem_points": (24, 24),
+        "baseline_steps": 1000,
     },
 }
 
@@ -85,63 +91,86 @@ def stability(
     methods: Sequence[str] = bem.METHODS,
     say: Say = lambda _: None,
 ) -> pd.DataFrame:
-    """Sweep the named maps (none: all) at a size: coarse (seconds) or full (minutes).
+    """Solve every point of the stability maps.
 
-    `methods` are those of the boundary elements.  Returns a row for each solve: map,
-    method, x, y, converged, effort, residual (of the examination) and the reason of a
-    failure.  Raises InvalidCase for a map or size that is not known.
+    Args:
+        maps: Names of the maps; none: all.
+        size: "coarse" (seconds) or "full" (minutes).
+        methods: Methods of the boundary elements.
+        say: Called with a sentence before each solve.
+
+    Returns:
+        A row for each solve: map, method, x, y, converged, effort, residual (of the
+        check) and the reason of a failure.
+
+    Raises:
+        InvalidCase: A map or the size is not known.
     """
-    if unknown := [name for name in maps if name not in MAPS]:
-        raise InvalidCase(
-            f"no stability map is called {unknown[0]!r}; there are {', '.join(MAPS)}"
-        )
+    for name in maps:
+        if name not in MAPS:
+            raise InvalidCase(
+                f"no stability map is called {name!r}; there are {', '.join(MAPS)}"
+            )
     if size not in SIZES:
         raise InvalidCase(f"size is {size!r}, but must be {' or '.join(SIZES)}")
-    grid, tables = SIZES[size], []
-    surface, block = (  # at least four points per shortest wave
-        self_affine(
-            2e3 * math.pi, shape, 1, max(4, min(shape) // 4), roll_off=2, slope=0.1
-        )
-        for shape in (grid["points"], grid["fem_points"])
-    )
-    capped = partial(_boundary_elements, surface, grid["baseline_steps"]), methods
-    panels = [f"nu = {nu:g}" for nu in grid["poisson_ratios"]]
+    settings = SIZES[size]
+    surface = _surface(settings["points"])
+    block = _surface(settings["fem_points"])
+    boundary_elements = partial(_boundary_elements, surface, settings["baseline_steps"])
+    panels = [f"nu = {nu:g}" for nu in settings["poisson_ratios"]]
     solvers: dict[str, tuple[Callable[..., Any], Sequence[str]]] = {
+        "capped": (boundary_elements, methods),
+        "elastic": (boundary_elements, methods),
         "theory": (_sum, ("eigenfunctions", "images", "package")),
         "fem": (partial(_finite_elements, block), panels),
     }
+    tables = []
     for name in maps or MAPS:
-        (row, of_map), (x, y) = solvers.get(name, capped), grid[name]
+        row, methods_of_map = solvers[name]
+        x, y = settings[name]
         say(f"the map {name}")
-        tables.append(rows(say, row, method=of_map, x=x, y=y))
-        tables[-1].insert(0, "map", name)
+        table = tabulate(say, row, method=methods_of_map, x=x, y=y)
+        table.insert(0, "map", name)
+        tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
-def _solved(
+def _surface(shape: tuple[int, ...]) -> Surface:
+    """Return roughness on a grid, with at least four points per shortest wave."""
+    shortest = max(4, min(shape) // 4)
+    return self_affine(2e3 * math.pi, shape, 1, shortest, roll_off=2, slope=0.1)
+
+
+def _solve_and_check(
     solve: Callable[[], ContactResult],
     effort: str,
-    examine: Callable[[ContactResult], float],
+    check: Callable[[ContactResult], float],
 ) -> dict[str, Any]:
-    """Return a row that says if a solve converges and passes the examination, and its
-    effort.
+    """Return the row of a solve.
+
+    Args:
+        solve: Returns the result, or raises.
+        effort: Name of the cost that is the effort.
+        check: Returns the largest violation of a condition by a result.
     """
     try:
         result = solve()
     except _FAILURES as error:
-        residual = float(
-            max(getattr(error, "residuals", {}).values(), default=math.nan)
-        )
-        kind = "" if isinstance(error, EpcontactError) else f"{type(error).__name__}: "
-        return _row(math.nan, residual, f"{kind}{error}")
-    residual = examine(result)
-    reason = f"claims to have converged, but violates a condition by {residual:.1e}"
-    return _row(
-        float(result.cost[effort]), residual, "" if residual <= EXAMINED else reason
-    )
+        residuals = getattr(error, "residuals", {})
+        residual = float(max(residuals.values(), default=math.nan))
+        reason = str(error)
+        if not isinstance(error, EpcontactError):
+            reason = f"{type(error).__name__}: {reason}"
+        return _row(math.nan, residual, reason)
+    residual = check(result)
+    reason = ""
+    if residual > EXAMINED:
+        reason = f"claims to have converged, but violates a condition by {residual:.1e}"
+    return _row(float(result.cost[effort]), residual, reason)
 
 
 def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
+    """Return the columns of a solve, which converged if there is no reason."""
     return {
         "converged": not reason,
         "effort": effort,
@@ -153,59 +182,95 @@ def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
 def _boundary_elements(
     surface: Surface, most_steps: int, method: str, x: float, y: float
 ) -> Any:
-    unit = 1e11 * 0.1  # E* xi in Pa, Poisson's ratio being zero
+    """Return the row of a solve by boundary elements at a point of the map.
+
+    Args:
+        surface: The surface, of rms slope 0.1.
+        most_steps: Most steps of a baseline.
+        method: A method of `bem.solve`.
+        x: p0 over the hardness, or over E* xi if the hardness is infinite.
+        y: Hardness over E* xi.
+    """
+    unit = 1e11 * 0.1  # E* xi in Pa with a Poisson's ratio of zero
     pressure = x * (y * unit if math.isfinite(y) else unit)
     scene = Scene(surface, Material(1e11, 0.0, y * unit), Load(pressure))
     steps = None if method == "newton" else most_steps
-    names = [f"quantity.measured_{name}" for name in ("gap", "force", "bounds")]
-    return _solved(
-        lambda: bem.solve(scene, method=method, threads=1, max_steps=steps),  # type: ignore[arg-type]
-        "equivalent_fft_pairs",
-        lambda result: max(abs(measure(name, scene, result)) for name in names),
-    )
+
+    def solve() -> ContactResult:
+        return bem.solve(scene, method=method, threads=1, max_steps=steps)  # type: ignore[arg-type]
+
+    def check(result: ContactResult) -> float:
+        names = ("measured_gap", "measured_force", "measured_bounds")
+        return max(abs(measure(f"quantity.{name}", scene, result)) for name in names)
+
+    return _solve_and_check(solve, "equivalent_fft_pairs", check)
 
 
 def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
+    """Return the row of a solve by finite elements with J2 flow at a point of the map.
+
+    Args:
+        surface: The surface, of rms slope 0.1.
+        method: "nu = " with Poisson's ratio.
+        x: p0 over E* xi.
+        y: E* xi over the yield stress.
+    """
     nu = float(method.removeprefix("nu = "))
     unit = 1e11 / (1 - nu**2) * 0.1  # E* xi in Pa
     scene = Scene(surface, Material(1e11, nu, yield_stress=unit / y), Load(x * unit))
-    return _solved(
-        lambda: fem_check.solve(scene, law="j2", steps=4),
-        "newton_steps",
-        lambda result: max(abs(r) for r in result.final.residuals.values()),
-    )
+
+    def solve() -> ContactResult:
+        return fem_check.solve(scene, law="j2", steps=4)
+
+    def check(result: ContactResult) -> float:
+        return max(abs(r) for r in result.final.residuals.values())
+
+    return _solve_and_check(solve, "newton_steps", check)
 
 
 def _sum(method: str, x: float, y: float) -> Any:
-    """The error of the areas by a method; the package's own are judged by their
-    symmetry.
+    """Return the row of the theory's areas by a method at a point of the map.
+
+    The sums are compared with the package, and the package with its mirror image.
+
+    Args:
+        method: "eigenfunctions", "images" or "package".
+        x: p0 over the hardness.
+        y: G over the hardness squared.
     """
 
-    def package(share: float) -> tuple[float, float, float]:
-        areas = persson.areas(y, share, 1.0)
+    def package(load: float) -> tuple[float, float, float]:
+        areas = persson.areas(y, load, 1.0)
         return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
-    def off(a: float, b: float) -> float:
-        return abs(a - b) / max(abs(b), 1e-280)  # a smaller area counts as zero
+    def relative_error(value: float, reference: float) -> float:
+        return abs(value - reference) / max(abs(reference), 1e-280)
 
-    exact, terms = package(x), 1
+    exact = package(x)
+    elastic, plastic, _ = exact
     if method == "package":
-        mirrored = package(1 - x)
+        terms = 1
+        mirrored_elastic, _, mirrored_separated = package(1 - x)
         error = max(
-            abs(sum(exact) - 1), off(exact[1], mirrored[2]), off(exact[0], mirrored[0])
+            abs(sum(exact) - 1),
+            relative_error(plastic, mirrored_separated),
+            relative_error(elastic, mirrored_elastic),
         )
     else:
-        terms, areas = (_eigenfunctions if method == "eigenfunctions" else _images)(
-            x, y
-        )
-        error = max(off(a, b) for a, b in zip(areas, exact, strict=True))
-    reason = f"an area is off by {error:.1e} of itself after {terms} terms"
-    return _row(float(terms), error, "" if error <= AREA_ERROR else reason)
+        function = _eigenfunctions if method == "eigenfunctions" else _images
+        terms, areas = function(x, y)
+        error = max(relative_error(a, b) for a, b in zip(areas, exact, strict=True))
+    reason = ""
+    if not error <= AREA_ERROR:
+        reason = f"an area is off by {error:.1e} of itself after {terms} terms"
+    return _row(float(terms), error, reason)
 
 
 def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """Elastic, plastic and separated area by the sine series, summed until it is
-    constant.
+    """Return the number of terms and the areas by the sine series.
+
+    The areas are elastic, plastic and separated; s is p0 and t is G, in units of the
+    hardness.
     """
     elastic = force = 0.0
     for n in range(1, _TERMS + 1):
@@ -219,39 +284,43 @@ def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]
 
 
 def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """The same areas by the images of the start in the two walls."""
+    """Return the number of terms and the areas by the images in the two bounds.
+
+    Areas and arguments are those of `_eigenfunctions`.
+    """
     c = 2 * math.sqrt(t)
-    plastic = apart = 0.0
+    plastic = separated = 0.0
     for m in range(_TERMS):
-        gained = math.erfc((2 * m + 1 - s) / c) - math.erfc((2 * m + 1 + s) / c)
-        lost = math.erfc((2 * m + s) / c) - math.erfc((2 * m + 2 - s) / c)
-        plastic, apart = plastic + gained, apart + lost
-        if max(abs(gained), abs(lost)) < 1e-17:
+        at_hardness = math.erfc((2 * m + 1 - s) / c) - math.erfc((2 * m + 1 + s) / c)
+        at_zero = math.erfc((2 * m + s) / c) - math.erfc((2 * m + 2 - s) / c)
+        plastic += at_hardness
+        separated += at_zero
+        if max(abs(at_hardness), abs(at_zero)) < 1e-17:
             break
-    return m + 1, (1 - plastic - apart, plastic, apart)
+    return m + 1, (1 - plastic - separated, plastic, separated)
 
 
 def chart(table: pd.DataFrame, size: str) -> Chart:
-    """The chart of the points of one map."""
-    *labels, count = MAPS[table["map"].iloc[0]]
+    """Return the chart of one map; `size` is part of its caption."""
+    x_label, y_label, count = MAPS[table["map"].iloc[0]]
     shown = table.assign(effort=table["effort"].where(table["converged"]))
-    panels = {
-        method: group.pivot(index="x", columns="y", values="effort")
-        for method, group in shown.groupby("method", sort=False)
-    }
+    panels = {}
+    for method, group in shown.groupby("method", sort=False):
+        panels[method] = group.pivot(index="x", columns="y", values="effort")
     caption = (
         f"The {count} that each method takes.  Crosses: it did not converge, or violates "
         f"a condition of contact; {_failed(table)} of {len(table)} failed ({size} map)."
     )
-    x, y = (sorted(table[axis].unique()) for axis in "xy")
-    return stability_map(
-        panels, x, y, labels=(labels[0], labels[1]), count=count, caption=caption
-    )
+    x = sorted(table["x"].unique())
+    y = sorted(table["y"].unique())
+    labels = (x_label, y_label)
+    return stability_map(panels, x, y, labels=labels, count=count, caption=caption)
 
 
 def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
-    """Write stability.json and, for each map, stability-<map>.png, .svg, .csv and
-    .txt.
+    """Write stability.json and four files of each map, and return their paths.
+
+    Raises OutputError if a file cannot be written.
     """
     paths = [Path(folder) / "stability.json"]
     content = {
@@ -268,4 +337,5 @@ def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...
 
 
 def _failed(table: pd.DataFrame) -> int:
+    """Return the number of solves that did not converge."""
     return int((~table["converged"]).sum())

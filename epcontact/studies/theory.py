@@ -23,55 +23,75 @@ from epcontact.studies.frame import (
     Ints,
     Rows,
     Say,
-    listed,
+    list_rows,
     mean_with_interval,
-    rows,
     study,
+    tabulate,
 )
 from epcontact.studies.paper_scene import HARDNESS, MEAN_PRESSURE, PARTS, rough_scene
 from epcontact.surfaces import filtered
 
 # --- gamma
-# ---------------------------------------------------------------------------------------
 
-AREAS = ("total", "elastic", "plastic", "elastic body")
+#: The areas that the theory must have: of the paper's scene, and of the body without
+#: hardness.
+ELASTIC_BODY = "elastic body"
+AREAS = (*PARTS, ELASTIC_BODY)
 _AREA = ("area_fraction", r"contact area $A / A_0$ (–)")
+#: The endings of a column and of the columns of its interval.
+_ENDS = ("", "_low", "_high")
 
 
 def theory_areas() -> pd.DataFrame:
-    """Areas of the paper's scene by the theory: columns gamma and AREAS, one row for
-    each gamma.
+    """Return the areas of the paper's scene by the theory.
+
+    Columns: gamma and AREAS, with a row for each gamma.
     """
-    diffusion = float(
+    tau = float(
         persson.full_contact_diffusion(paper.MODULUS, 1.0)
     )  # the rms slope is 1
-    gammas, laws = np.linspace(0.3, 1.0, 141), paper.LAWS.values()
-    capped, body = (
-        persson.areas(gammas * diffusion, MEAN_PRESSURE, law) for law in laws
-    )
-    parts = {part: getattr(capped, part) for part in PARTS}
-    return pd.DataFrame({"gamma": gammas} | parts | {AREAS[3]: body.total})
+    gammas = np.linspace(0.3, 1.0, 141)
+    capped = persson.areas(gammas * tau, MEAN_PRESSURE, HARDNESS)
+    elastic = persson.areas(gammas * tau, MEAN_PRESSURE)
+    columns = {"gamma": gammas}
+    for part in PARTS:
+        columns[part] = getattr(capped, part)
+    columns[ELASTIC_BODY] = elastic.total
+    return pd.DataFrame(columns)
 
 
 def fit_gamma(
     table: pd.DataFrame, measured: Mapping[Any, Any]
 ) -> tuple[float, float, float]:
-    """The gamma at which `theory_areas` have a measured area, and its interval; NaN for
-    none.
+    """Return the gamma at which the theory has a measured area, and its interval.
+
+    Args:
+        table: The areas of `theory_areas`.
+        measured: The name of the `area`, its area_fraction and the ends of its
+            interval.
+
+    Returns:
+        The gamma, and the lower and upper end of its interval; NaN for none.
     """
     rising = table.sort_values(measured["area"])
-    levels = [measured[f"area_fraction{end}"] for end in ("", "_low", "_high")]
-    beyond = {"left": math.nan, "right": math.nan}
-    found = np.interp(
-        levels, rising[measured["area"]], rising["gamma"], **beyond
-    ).tolist()
-    return found[0], min(found[1:]), max(found[1:])
+    fits = np.interp(
+        [measured[f"area_fraction{end}"] for end in _ENDS],
+        rising[measured["area"]],
+        rising["gamma"],
+        left=math.nan,
+        right=math.nan,
+    )
+    gamma, first_end, second_end = fits.tolist()
+    return gamma, min(first_end, second_end), max(first_end, second_end)
 
 
 def one_gamma(fits: Sequence[tuple[float, float, float]]) -> bool:
-    """True if one gamma is within the intervals of all areas."""
+    """Return whether one gamma lies within the intervals of all fits.
+
+    It is False if a fit is NaN.
+    """
     _, lows, highs = np.transpose(fits)
-    return bool(lows.max() <= highs.min())  # False with NaN
+    return bool(lows.max() <= highs.min())
 
 
 @study("gamma", points=8, bandwidth=256)
@@ -87,70 +107,68 @@ def gamma(
     """
 
     def row(seed: int, law: str) -> Rows:
-        return paper.area_rows(
-            paper.settled(rough_scene(points, seed, bandwidth, paper.LAWS[law]))
-        )
+        scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
+        return paper.area_rows(paper.solve_bem(scene))
 
-    table = rows(say, row, seed=seeds, law=paper.LAWS)
-    table["area"] = table["part"].where(
-        table["law"] == "capped", table["part"] + " body"
-    )
+    table = tabulate(say, row, seed=seeds, law=paper.LAWS)
+    is_capped = table["law"] == "capped"
+    table["area"] = table["part"].where(is_capped, table["part"] + " body")
     measured = mean_with_interval(table, _AREA[0], ["area"], "estimated_error")
     measured = measured[measured["area"].isin(AREAS)]
-    exact = theory_areas()
-    fits = {one["area"]: fit_gamma(exact, one) for one in measured.to_dict("records")}
-    told = ", ".join(
-        f"{a} {g:.3f} ({low:.3f} to {high:.3f})" for a, (g, low, high) in fits.items()
-    )
-    told += "" if one_gamma([*fits.values()]) else ": no single gamma fits all four"
-    curves = exact.melt("gamma", list(AREAS), "area", _AREA[0])
-    levels = measured.merge(exact["gamma"].iloc[[0, -1]], how="cross")
+    by_theory = theory_areas()
+    fits = {row["area"]: fit_gamma(by_theory, row) for _, row in measured.iterrows()}
+    listed = []
+    for area, (best, low, high) in fits.items():
+        listed.append(f"{area} {best:.3f} ({low:.3f} to {high:.3f})")
+    gammas = ", ".join(listed)
+    if not one_gamma([*fits.values()]):
+        gammas += ": no single gamma fits all four"
+
+    curves = by_theory.melt("gamma", list(AREAS), "area", _AREA[0])
+    ends = by_theory["gamma"].iloc[[0, -1]]
+    levels = measured.merge(ends, how="cross")
     both = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
-    both = both.sort_values(
-        "area", key=lambda area: area.map(AREAS.index), kind="stable"
-    )
-    x, colours = (
-        ("gamma", r"energy reduction $\gamma$ (–)"),
-        PART_COLOURS | {AREAS[3]: CYCLE[1]},
-    )
+    both = both.sort_values("area", key=lambda a: a.map(AREAS.index), kind="stable")
     plot = Plot(
-        x, _AREA, ("area", "method"), style="curve", colour="area", colours=colours
+        ("gamma", r"energy reduction $\gamma$ (–)"),
+        _AREA,
+        ("area", "method"),
+        style="curve",
+        colour="area",
+        colours=PART_COLOURS | {ELASTIC_BODY: CYCLE[1]},
+        mark="method",
+        upright={r"$\gamma$ of the paper": paper.GAMMA},
     )
-    plot = replace(plot, mark="method", upright={r"$\gamma$ of the paper": paper.GAMMA})
-    yield plot, both, f"Contact areas, which the theory meets at the gammas {told}"
+    yield plot, both, f"Contact areas, which the theory meets at the gammas {gammas}"
+
     off = curves.merge(measured, on="area", suffixes=("", "_bem"))
-    for end, bound in (("", "_bem"), ("_low", "_low"), ("_high", "_high")):
+    for end, bound in zip(_ENDS, ("_bem", "_low", "_high"), strict=True):
         # The interval of the mean gives that of the ratio, because the theory has no
         # interval.
-        ratio = (
-            off["area_fraction"]
-            / off["area_fraction_bem"] ** 2
-            * off[f"area_fraction{bound}"]
-        )
+        by_bem = off["area_fraction_bem"]
+        ratio = off["area_fraction"] / by_bem**2 * off[f"area_fraction{bound}"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
     y = ("deviation_percent", "theory over boundary elements, less 1 (%)")
-    plot = replace(
-        plot, y=y, series=("area",), mark="", level=0.0, limits={"ylim": (-40, 60)}
-    )
-    yield plot, off, f"Deviation of the theory's areas, zero at the gammas {told}"
+    limits = {"ylim": (-40, 60)}
+    plot = replace(plot, y=y, series=("area",), mark="", level=0.0, limits=limits)
+    yield plot, off, f"Deviation of the theory's areas, zero at the gammas {gammas}"
 
 
 # --- magnification
-# -------------------------------------------------------------------------------
 
-#: Smallest area, over the nominal one, for a ratio: smaller areas are a few grid
+#: Smallest area over the nominal one whose ratio is shown; a smaller area is a few grid
 #: points.
 _SMALLEST_AREA = 0.01
 _DENSITY = ("pressure_GPa", "density_per_GPa")
+#: Number of cut-offs whose distribution of the pressure is shown.
+_DISTRIBUTIONS = 5
 
 
 def _curves(body: persson.Theory, magnifications: Sequence[float]) -> pd.DataFrame:
-    """The theory's areas at the magnifications: part, magnification, area_fraction."""
+    """Return the theory's areas: columns part, magnification and area_fraction."""
     curve = body.magnification_curve(MEAN_PRESSURE, magnifications)
-    areas = pd.DataFrame(
-        {name: getattr(curve, name) for name in ("magnification", *PARTS)}
-    )
-    return areas.melt("magnification", list(PARTS), "part", _AREA[0])
+    columns = {name: getattr(curve, name) for name in ("magnification", *PARTS)}
+    return pd.DataFrame(columns).melt("magnification", list(PARTS), "part", _AREA[0])
 
 
 @study("magnification", points=8, bandwidth=256, count=10)
@@ -169,77 +187,84 @@ def magnification(
     the scene is the paper's.
     """
     cut_offs = np.geomspace(1.5, bandwidth, count).round(1).tolist()
-    # Five of them, evenly spaced up to the last.
-    distributed = [
-        cut_offs[round(i)] for i in np.linspace(0, count - 1, min(count, 6))
-    ][-5:]
+    evenly = np.linspace(0, count - 1, min(count, _DISTRIBUTIONS + 1))
+    distributed = [cut_offs[round(i)] for i in evenly][-_DISTRIBUTIONS:]
     densities = []
 
     def row(seed: int, magnification: float) -> Rows:
         scene = rough_scene(points, seed, bandwidth)
         surface = filtered(scene.surface, magnification * paper.LOWEST)
-        result = paper.settled(replace(scene, surface=surface))
+        result = paper.solve_bem(replace(scene, surface=surface))
         if magnification in distributed:
             density = paper.binned(result.distribution, 1e9, _DENSITY)
             densities.append(density.assign(magnification=magnification))
         return paper.area_rows(result)
 
-    table, keys = (
-        rows(say, row, seed=seeds, magnification=cut_offs),
-        ["part", "magnification"],
-    )
-    areas = mean_with_interval(table, _AREA[0], keys, "estimated_error")
+    table = tabulate(say, row, seed=seeds, magnification=cut_offs)
+    by = ["part", "magnification"]
+    areas = mean_with_interval(table, _AREA[0], by, "estimated_error")
     body = paper.theory_of(rough_scene(points, seeds[0], bandwidth))
     curves = _curves(body, np.geomspace(1, cut_offs[-1], 1000).tolist())
-    measured = areas.assign(
-        area_fraction_low=areas["area_fraction_low"].clip(lower=1e-12)
-    )
+    lows = areas["area_fraction_low"].clip(lower=1e-12)  # for a logarithmic axis
+    measured = areas.assign(area_fraction_low=lows)
     both = pd.concat([curves.assign(method="theory"), measured.assign(method="bem")])
-    x = ("magnification", r"magnification $\zeta = q / q_0$ (–)")
     plot = Plot(
-        x, _AREA, ("part", "method"), {"theory": "curve", "bem": "marks"}, colour="part"
+        ("magnification", r"magnification $\zeta = q / q_0$ (–)"),
+        _AREA,
+        ("part", "method"),
+        {"theory": "curve", "bem": "marks"},
+        colour="part",
+        colours=PART_COLOURS,
+        log="xy",
+        limits={"ylim": (1e-3, 1.3)},
     )
-    plot = replace(plot, colours=PART_COLOURS, log="xy", limits={"ylim": (1e-3, 1.3)})
     yield plot, both, "Contact areas"
-    off = areas.merge(_curves(body, cut_offs), on=keys, suffixes=("", "_theory"))
+
+    off = areas.merge(_curves(body, cut_offs), on=by, suffixes=("", "_theory"))
     off = off[off["area_fraction_theory"] > _SMALLEST_AREA]
-    for end in ("", "_low", "_high"):
+    for end in _ENDS:
         ratio = off[f"area_fraction{end}"] / off["area_fraction_theory"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
     y = ("deviation_percent", "boundary elements over theory, less 1 (%)")
     deviation = replace(plot, y=y, series=("part",), log="x", limits={}, level=0.0)
     yield deviation, off, f"Deviation of the areas, where they exceed {_SMALLEST_AREA}"
-    found = pd.concat(densities).groupby(["magnification", _DENSITY[0]], sort=False)
+
+    groups = pd.concat(densities).groupby(["magnification", _DENSITY[0]], sort=False)
     tables = []
     for zeta in distributed:
-        at = body.pressure_curve(MEAN_PRESSURE, zeta)
-        whole = PressureDistribution(at.pressure, at.cumulative, at.plastic)
-        density = paper.binned(whole, 1e9, _DENSITY)
+        curve = body.pressure_curve(MEAN_PRESSURE, zeta)
+        distribution = PressureDistribution(
+            curve.pressure, curve.cumulative, curve.plastic
+        )
+        density = paper.binned(distribution, 1e9, _DENSITY)
         tables.append(density.assign(method="theory", magnification=zeta))
-    both = pd.concat([*tables, found.mean().reset_index().assign(method="bem")])
-    both = both.sort_values("magnification", kind="stable")
+    tables.append(groups.mean().reset_index().assign(method="bem"))
+    both = pd.concat(tables).sort_values("magnification", kind="stable")
     both["zeta"] = both["magnification"].map("zeta = {:.3g}".format)
-    x = (_DENSITY[0], r"contact pressure $\sigma$ (GPa)")
-    y = (_DENSITY[1], r"density $P(\sigma, \zeta)$ (1/GPa)")
-    plot = replace(plot, x=x, y=y, series=("zeta", "method"), colour="zeta", log="y")
-    limits = {"ylim": (1e-5, None), "xlim": (0, HARDNESS / 1e9)}
-    yield (
-        replace(plot, limits=limits),
-        both,
-        "Density of the pressure in elastic contact",
+    plot = replace(
+        plot,
+        x=(_DENSITY[0], r"contact pressure $\sigma$ (GPa)"),
+        y=(_DENSITY[1], r"density $P(\sigma, \zeta)$ (1/GPa)"),
+        series=("zeta", "method"),
+        colour="zeta",
+        log="y",
+        limits={"ylim": (1e-5, None), "xlim": (0, HARDNESS / 1e9)},
     )
+    yield plot, both, "Density of the pressure in elastic contact"
 
 
 # --- the ends of P(sigma)
-# ------------------------------------------------------------------------
 
 ENDS = ("0+", "hardness-")
-#: The window as a share of the hardness, of the density that at COARSEST points.
-WINDOW, COARSEST = 0.2, 4
-DENSITY, SLOPE = "relative_density", "relative_slope"
-#: Names and labels of the figures, and the power of the spacing with which each has its
-#: limit.
-FIGURES = {
+#: Width of the window at an end over the hardness; of the density that at COARSEST
+#: points per shortest wavelength.
+WINDOW = 0.2
+COARSEST = 4
+DENSITY = "relative_density"
+SLOPE = "relative_slope"
+#: Name and label of each quantity of an end, and the power of the spacing with which it
+#: approaches its limit.
+QUANTITIES = {
     DENSITY: ("density", r"density at the end, $P\,\sigma_\mathrm{P}$ (–)", 0.5),
     SLOPE: (
         "mean slope",
@@ -273,93 +298,121 @@ def pressures(
         result = bem.solve(scene, area_tolerance=1e-6)
         density = paper.binned(result.distribution, HARDNESS, _RELATIVE)
         densities.append(density.assign(points_per_wavelength=points_per_wavelength))
-        return end_figures(result, points_per_wavelength)
+        return end_values(result, points_per_wavelength)
 
-    figures = rows(say, row, seed=seeds, points_per_wavelength=points)
+    values = tabulate(say, row, seed=seeds, points_per_wavelength=points)
     scene = rough_scene(points[0], seeds[0], bandwidth)
     by = ["points_per_wavelength", _RELATIVE[0]]
-    measured = (
-        pd.concat(densities).groupby(by, sort=False)[_RELATIVE[1]].mean().reset_index()
-    )
+    groups = pd.concat(densities).groupby(by, sort=False)
+    measured = groups[_RELATIVE[1]].mean().reset_index()
     measured["series"] = measured[by[0]].map("{:g} points a wavelength".format)
-    theory = paper.binned(paper.by_theory(scene).distribution, HARDNESS, _RELATIVE)
+    distribution = paper.solve_theory(scene).distribution
+    by_theory = paper.binned(distribution, HARDNESS, _RELATIVE)
     x = (_RELATIVE[0], r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$")
     y = (_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
     plot = Plot(x, y, style="curve", limits={"ylim": (0, None), "xlim": (0, 1)})
-    yield (
-        plot,
-        pd.concat([theory.assign(series="persson"), measured]),
-        "Density of the pressure",
-    )
-    exact = pd.DataFrame(theory_figures(scene))
+    table = pd.concat([by_theory.assign(series="persson"), measured])
+    yield plot, table, "Density of the pressure"
+
+    exact = pd.DataFrame(theory_values(scene))
     x = ("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
-    figures[x[0]] = 1 / np.sqrt(figures["points_per_wavelength"])
-    ends = pd.Series([0.0, figures[x[0]].max()], name=x[0])
-    for figure, (name, label, _) in FIGURES.items():
-        means = mean_with_interval(figures, figure, ["end", x[0]])
-        limits = grid_limits(figures, figure).assign(
-            **{x[0]: 0.0}, kind="limit", style="open"
-        )
-        levels = exact.merge(ends, how="cross").assign(method="persson", style="curve")
-        levels = levels[levels[figure] != 0]  # which is where the dotted line is
-        both = pd.concat([means, limits, levels]).sort_values("end", kind="stable")
-        both[["method", "kind"]] = both[["method", "kind"]].fillna("")
-        told = limits.assign(limit=limits[figure], theory=exact[figure])
-        told = listed(told, "{end} {limit:+.3g} (theory {theory:.3g})")
-        title = f"The {name} of P at the ends, with limits for ever finer grids: {told}"
+    values[x[0]] = 1 / np.sqrt(values["points_per_wavelength"])
+    for quantity, (name, label, _) in QUANTITIES.items():
+        limits = grid_limits(values, quantity)
+        table = _ends_table(values, limits, exact, quantity, x[0])
+        columns = {"limit": limits[quantity], "theory": exact[quantity]}
+        form = "{end} {limit:+.3g} (theory {theory:.3g})"
+        listed = list_rows(limits.assign(**columns), form)
         series = ("method", "end", "kind")
-        yield Plot(x, (figure, label), series, colour="end", level=0.0), both, title
+        plot = Plot(x, (quantity, label), series, colour="end", level=0.0)
+        title = f"The {name} of P at the ends, with limits for ever finer grids: "
+        yield plot, table, title + listed
 
 
-def end_figures(result: ContactResult, points_per_wavelength: float) -> Rows:
-    """DENSITY and SLOPE of a solution on a grid, a row for each end."""
+def _ends_table(
+    values: pd.DataFrame,
+    limits: pd.DataFrame,
+    exact: pd.DataFrame,
+    quantity: str,
+    x: str,
+) -> pd.DataFrame:
+    """Return the means on the grids, their limits and the levels of the theory.
+
+    Args:
+        values: Rows of `end_values` with the column x.
+        limits: Rows of `grid_limits`.
+        exact: Rows of `theory_values`.
+        quantity: DENSITY or SLOPE.
+        x: Column of the root of the spacing.
+    """
+    means = mean_with_interval(values, quantity, ["end", x])
+    limits = limits.assign(**{x: 0.0}, kind="limit", style="open")
+    ends = pd.Series([0.0, values[x].max()], name=x)
+    levels = exact.merge(ends, how="cross").assign(method="persson", style="curve")
+    levels = levels[levels[quantity] != 0]  # a dotted line is drawn at 0 anyway
+    table = pd.concat([means, limits, levels]).sort_values("end", kind="stable")
+    table[["method", "kind"]] = table[["method", "kind"]].fillna("")
+    return table
+
+
+def end_values(result: ContactResult, points_per_wavelength: float) -> Rows:
+    """Return DENSITY and SLOPE of a result on a grid, a row for each end."""
     relative = result.fields["pressure"] / HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
-    shrinking = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
-    near, wide = (
-        end_fits(relative, 1.0, window, areas) for window in (shrinking, WINDOW)
-    )
-    return [
-        {"end": end, DENSITY: one.density, SLOPE: other.continuum_slope}
-        for end, one, other in zip(ENDS, near, wide, strict=True)
-    ]
+    narrow = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
+    narrow_fits = end_fits(relative, 1.0, narrow, areas)
+    wide_fits = end_fits(relative, 1.0, WINDOW, areas)
+    rows = []
+    for end, of_density, of_slope in zip(ENDS, narrow_fits, wide_fits, strict=True):
+        density = of_density.density
+        rows.append({"end": end, DENSITY: density, SLOPE: of_slope.continuum_slope})
+    return rows
 
 
-def theory_figures(scene: Scene) -> Rows:
-    """The theory's figures for the spectrum of the scene's surface, as `end_figures`
-    has them.
+def theory_values(scene: Scene) -> Rows:
+    """Return DENSITY and SLOPE by the theory, a row for each end.
+
+    The theory has the spectrum of the scene's surface.
     """
-    final = paper.by_theory(scene).final
-    G, p0 = final.quantities["diffusion"] / HARDNESS**2, scene.load.final / HARDNESS
-    below, above = persson.pressure_cumulative(
-        np.array([WINDOW, 1 - WINDOW]), G, p0, 1.0
-    )
-    shares = zip(ENDS, (below, final.areas["raw"].elastic - above), strict=True)
-    return [
-        {"end": e, DENSITY: 0.0, SLOPE: float(2 * share / WINDOW**2)}
-        for e, share in shares
-    ]
+    final = paper.solve_theory(scene).final
+    G = final.quantities["diffusion"] / HARDNESS**2
+    p0 = scene.load.final / HARDNESS
+    ends = np.array([WINDOW, 1 - WINDOW])
+    at_zero, below_window = persson.pressure_cumulative(ends, G, p0, 1.0)
+    at_hardness = final.areas["raw"].elastic - below_window
+    rows = []
+    for end, area in zip(ENDS, (at_zero, at_hardness), strict=True):
+        rows.append({"end": end, DENSITY: 0.0, SLOPE: float(2 * area / WINDOW**2)})
+    return rows
 
 
-def grid_limits(figures: pd.DataFrame, figure: str) -> pd.DataFrame:
-    """Extrapolate a figure to ever finer grids, surface by surface: the limit at each
-    end, with the error of scatter and of fit together.  Slopes are taken without the
-    coarsest grid, whose rims fill the window.
+def grid_limits(values: pd.DataFrame, quantity: str) -> pd.DataFrame:
+    """Extrapolate a quantity to ever finer grids, surface by surface.
+
+    The limit of each end has the errors of scatter and of the fit.  Slopes are taken
+    without the coarsest grid, whose rims fill the window.
+
+    Args:
+        values: Rows of `end_values` with seed and points_per_wavelength.
+        quantity: DENSITY or SLOPE.
+
+    Returns:
+        Columns end, the quantity, and the ends of its interval.
     """
-    found, order = [], FIGURES[figure][2]
-    for end, group in figures.groupby("end", sort=False):
+    _, _, order = QUANTITIES[quantity]
+    rows = []
+    for end, group in values.groupby("end", sort=False):
         table = group.pivot(
-            index="seed", columns="points_per_wavelength", values=figure
+            index="seed", columns="points_per_wavelength", values=quantity
         )
-        table = table if figure == DENSITY else table.iloc[:, 1:]
+        if quantity == SLOPE:
+            table = table.iloc[:, 1:]
         n = table.columns.to_numpy()
         limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
-        # The error of the fit is common to all surfaces: it does not fall with their
+        # The error of the fit is common to all surfaces and does not fall with their
         # number.
-        error = math.hypot(
-            limit.half_width, extrapolated(n, table.mean().to_numpy(), order)[1]
-        )
-        found.append((end, limit.mean, limit.mean - error, limit.mean + error))
-    return pd.DataFrame(
-        found, columns=["end", figure, f"{figure}_low", f"{figure}_high"]
-    )
+        _, fit_error = extrapolated(n, table.mean().to_numpy(), order)
+        error = math.hypot(limit.half_width, fit_error)
+        rows.append((end, limit.mean, limit.mean - error, limit.mean + error))
+    columns = ["end", quantity, f"{quantity}_low", f"{quantity}_high"]
+    return pd.DataFrame(rows, columns=columns)

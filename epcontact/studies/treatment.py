@@ -1,4 +1,4 @@
-"""What the treatment of a measured map's edges does to the answers.
+"""The effect of the treatment of a measured map's edges on the results.
 
 Maps are cut out of larger periodic ones, and lie tilted.  The unit of length is the
 spacing of the grid, E* is 1, the rms slope SLOPE and the hardness HARDNESS: contact
@@ -21,16 +21,16 @@ from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.plot import Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, Surface, rms_slope
-from epcontact.studies.areas import named
+from epcontact.studies.areas import by_name
 from epcontact.studies.frame import (
     Charts,
     Ints,
     Rows,
     Say,
-    listed,
+    list_rows,
     root_mean_square,
-    rows,
     study,
+    tabulate,
 )
 from epcontact.studies.paper_scene import self_affine
 from epcontact.surfaces import HeightsFromArray
@@ -41,7 +41,9 @@ SLOPE = 0.05
 HARDNESS = 0.2 * SLOPE
 #: Mean pressures over the hardness.
 LOADS = (0.01, 0.03, 0.1, 0.2, 0.4)
+#: Contact states of a grid point that count as each part of the area.
 STATES = {"total": (ELASTIC, PLASTIC), "elastic": (ELASTIC,), "plastic": (PLASTIC,)}
+#: Quantities that a table of loads shows, beside areas and the mean gap.
 MEASURED = (
     "stiffness loading",
     "conductance",
@@ -52,72 +54,95 @@ TREATMENTS = ("mirrored", "periodic")
 
 
 def _rolled_off(n: int, seed: int, longest: float = 24.0) -> FloatArray:
-    """Hurst exponent .8 and rms slope 1, from 4 points a wave to so many."""
-    lowest, roll_off = 2 * math.pi / n, max(n / longest, 1.0)
+    """Return self-affine heights (n, n) of Hurst exponent .8 and rms slope 1.
+
+    The shortest waves have 4 points, those of the roll-off `longest` points.
+    """
+    lowest = 2 * math.pi / n
+    roll_off = max(n / longest, 1.0)
     return self_affine(lowest, (n, n), seed, n / 4, roll_off).heights
 
 
 def _self_affine(n: int, seed: int) -> FloatArray:
+    """Return self-affine heights (n, n) without roll-off."""
     return _rolled_off(n, seed, math.inf)
 
 
 def _turned(n: int, seed: int) -> FloatArray:
-    marks, x = max(n // 20, 2), np.arange(n) / n
-    profile = ((marks * x[:, None] + x) % 1 - 0.5) ** 2
-    return np.asarray(
-        profile / rms_slope(profile, (1.0, 1.0)) + 0.5 * _rolled_off(n, seed)
-    )
+    """Return heights (n, n) of a turned surface: oblique grooves with roughness."""
+    grooves = max(n // 20, 2)
+    x = np.arange(n) / n
+    profile = ((grooves * x[:, None] + x) % 1 - 0.5) ** 2
+    profile = profile / rms_slope(profile, (1.0, 1.0))
+    return np.asarray(profile + 0.5 * _rolled_off(n, seed))
 
 
 def _blasted(n: int, seed: int) -> FloatArray:
-    rng, x, dents = np.random.default_rng(seed), np.arange(n), np.zeros((n, n))
+    """Return heights (n, n) of a blasted surface: round dents with roughness."""
+    rng = np.random.default_rng(seed)
+    x = np.arange(n)
+    dents = np.zeros((n, n))
     for _ in range(n * n // 154):
-        u, v = ((x - c + n / 2) % n - n / 2 for c in rng.uniform(0, n, 2))
-        deep = rng.uniform(5, 14) ** 2 - u[:, None] ** 2 - v**2
-        dents -= rng.uniform(0.3, 1) * np.maximum(deep, 0) / 4
+        centre_x, centre_y = rng.uniform(0, n, 2)
+        u = (x - centre_x + n / 2) % n - n / 2
+        v = (x - centre_y + n / 2) % n - n / 2
+        depth = rng.uniform(5, 14) ** 2 - u[:, None] ** 2 - v**2
+        dents -= rng.uniform(0.3, 1) * np.maximum(depth, 0) / 4
     return dents / rms_slope(dents, (1.0, 1.0)) + 0.4 * _rolled_off(n, seed)
 
 
 def _worn(n: int, seed: int) -> FloatArray:
+    """Return heights (n, n) whose summits are worn to plateaus with roughness."""
     rough = _rolled_off(n, seed)
-    return np.asarray(
-        np.minimum(rough, 0.3 * rough.std()) + 0.1 * _rolled_off(n, seed + 77, 12.0)
-    )
+    plateaus = np.minimum(rough, 0.3 * rough.std())
+    return np.asarray(plateaus + 0.1 * _rolled_off(n, seed + 77, 12.0))
 
 
 def _ridged(n: int, seed: int) -> FloatArray:
+    """Return heights (n, n) of a positive skewness."""
     rough = _rolled_off(n, seed)
     return np.asarray(np.expm1(0.7 * rough / rough.std()) * rough.std())
 
 
-KINDS: Any = named(_rolled_off, _self_affine, _turned, _blasted, _worn, _ridged)
+KINDS: Any = by_name(_rolled_off, _self_affine, _turned, _blasted, _worn, _ridged)
 
 
-def _solved(surface: Surface, load: float) -> tuple[Scene, ContactResult]:
+def _solve(surface: Surface, load: float) -> tuple[Scene, ContactResult]:
+    """Return scene and result of a surface under a load over the hardness."""
     scene = Scene(surface, Material(1.0, 0.0, HARDNESS), Load(load * HARDNESS))
     return scene, bem.solve(scene, threads=1, area_tolerance=1e-5)
 
 
-def _answers(surface: Surface, load: float) -> dict[str, float]:
-    """All that a table of loads shows but areas; nan where a linear solve stalls."""
-    scene, result = _solved(surface, load)
-    found = {"mean gap": result.final.quantities["mean_gap"]} | dict.fromkeys(
-        MEASURED, math.nan
-    )
+def _measure(surface: Surface, load: float) -> dict[str, float]:
+    """Return mean gap and the quantities MEASURED under a load over the hardness.
+
+    A quantity is NaN where a linear solve does not converge.
+    """
+    scene, result = _solve(surface, load)
+    values = {"mean gap": result.final.quantities["mean_gap"]}
     for name in MEASURED:
+        values[name] = math.nan
         with contextlib.suppress(NotConverged):
-            found[name] = measure(f"quantity.{name.replace(' ', '_')}", scene, result)
-    return found
+            quantity = f"quantity.{name.replace(' ', '_')}"
+            values[name] = measure(quantity, scene, result)
+    return values
 
 
-def _scaled(kind: str, n: int, seed: int) -> FloatArray:
+def _heights(kind: str, n: int, seed: int) -> FloatArray:
+    """Return heights (n, n) of a kind with the rms slope SLOPE."""
     heights = KINDS[kind](n, seed)
     return np.asarray(heights * (SLOPE / rms_slope(heights, (1.0, 1.0))))
 
 
-def _treated(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
-    """A surface from a map whose spacing is 1; its rms slope over rms curvature, over
-    its side.
+def _treat(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
+    """Return the surface of a map, and its shortest length over the side of the map.
+
+    Args:
+        heights: The map, (n, n), whose spacing is 1.
+        treatment: "mirrored" or "periodic".
+
+    Returns:
+        The surface, and rms slope over rms curvature over the side.
     """
     surface = HeightsFromArray(heights, heights.shape, treatment, form=1).build()
     moments = even_moments(remove_form(heights, 1), (1.0, 1.0))
@@ -125,55 +150,84 @@ def _treated(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
 
 
 def controls(kind: str, points: int, seed: int) -> Rows:
-    """Relative errors of answers on maps whose continuation is known: mirrored, of a
-    whole period that lies tilted, and taken as it is, of a quarter of a period that is
-    its mirror images.
+    """Return relative errors of quantities on maps whose continuation is known.
+
+    A whole period that lies tilted is mirrored, and a quarter of a period that consists
+    of its mirror images is taken as it is.
+
+    Args:
+        kind: Name in KINDS.
+        points: Points along a side of the map.
+        seed: Seed of the surface.
     """
-    n, found = points, []
-    whole, part = _scaled(kind, n, seed), _scaled(kind, 3 * n, seed + 100)[:n, :n]
-    tilted = whole + SLOPE * (np.arange(n)[:, None] - 0.6 * np.arange(n))
-    for treatment, other, heights in zip(
-        TREATMENTS, TREATMENTS[::-1], (tilted, part), strict=True
+    period = _heights(kind, points, seed)
+    piece = _heights(kind, 3 * points, seed + 100)[:points, :points]
+    index = np.arange(points)
+    tilted = period + SLOPE * (index[:, None] - 0.6 * index)
+    rows = []
+    for treatment, exact_treatment, heights in (
+        ("mirrored", "periodic", tilted),
+        ("periodic", "mirrored", piece),
     ):
-        (surface, length), (exact, _) = (
-            _treated(heights, way) for way in (treatment, other)
-        )
+        surface, length = _treat(heights, treatment)
+        exact_surface, _ = _treat(heights, exact_treatment)
         for load in LOADS:
-            row = {"treatment": treatment, "load": load, "length": length}
-            truth = _answers(exact, load)
-            for name, value in _answers(surface, load).items():
-                error = value / truth[name] - 1 if truth[name] else math.nan
-                found.append(row | {"quantity": name, "error": error})
-    return found
+            exact = _measure(exact_surface, load)
+            for name, value in _measure(surface, load).items():
+                error = value / exact[name] - 1 if exact[name] else math.nan
+                rows.append(
+                    {
+                        "treatment": treatment,
+                        "load": load,
+                        "length": length,
+                        "quantity": name,
+                        "error": error,
+                    }
+                )
+    return rows
 
 
 def crops(kind: str, points: int, seed: int, tiles: int) -> Rows:
-    """Errors of raw areas, over the total, of crops under the load that each carries
-    there.
+    """Return errors of the raw areas of crops of a larger surface, over the total area.
+
+    Each crop is solved under the load that it carries on the larger surface.
+
+    Args:
+        kind: Name in KINDS.
+        points: Points along a side of a crop.
+        seed: Seed of the surface.
+        tiles: Crops along a side of the larger surface; one in each row and column is
+            solved.
     """
-    n, found = points, []
-    whole = _scaled(kind, n * tiles, seed)
+    side = points * tiles
+    heights = _heights(kind, side, seed)
+    surface = Surface(heights, (float(side), float(side)))
+    rows = []
     for load in LOADS:
-        fields = _solved(Surface(whole, (float(n * tiles),) * 2), load)[1].fields
-        for corner in range(tiles):  # one in each row and column
-            there = tuple(
-                slice(i * n, i * n + n) for i in (corner, (2 * corner + 1) % tiles)
-            )
-            state, carried = (
-                fields["state"][there],
-                float(fields["pressure"][there].mean()),
-            )
-            if carried < 0.3 * load * HARDNESS:
+        _, result = _solve(surface, load)
+        for tile in range(tiles):
+            i = tile * points
+            j = (2 * tile + 1) % tiles * points
+            crop = np.s_[i : i + points, j : j + points]
+            pressure = float(result.fields["pressure"][crop].mean())
+            if pressure < 0.3 * load * HARDNESS:
                 continue
-            truth = {part: np.isin(state, of).mean() for part, of in STATES.items()}
+            state = result.fields["state"][crop]
+            exact = {part: np.isin(state, s).mean() for part, s in STATES.items()}
             for treatment in TREATMENTS:
-                surface, length = _treated(whole[there], treatment)
-                row = {"treatment": treatment, "load": load, "length": length}
-                last = _solved(surface, carried / HARDNESS)[1].final
-                for part, area in vars(last.areas["raw"]).items():
-                    error = (area - truth[part]) / truth["total"]
-                    found.append(row | {"quantity": f"{part} area", "error": error})
-    return found
+                map_surface, length = _treat(heights[crop], treatment)
+                _, of_map = _solve(map_surface, pressure / HARDNESS)
+                for part, area in vars(of_map.final.areas["raw"]).items():
+                    rows.append(
+                        {
+                            "treatment": treatment,
+                            "load": load,
+                            "length": length,
+                            "quantity": f"{part} area",
+                            "error": (area - exact[part]) / exact["total"],
+                        }
+                    )
+    return rows
 
 
 @study("treatment", points=(96, 192), seeds=(2, 3), tiles=5)
@@ -189,25 +243,26 @@ def treatment(
     Crops of larger surfaces are solved under the load that each carries there, and
     compared with their part of the contact.  Controls are maps whose continuation is
     known: whole periods that were tilted and are mirrored, and quarters of mirrored
-    periods that are taken as they are. Loads are shares of the hardness, which is .2 E*
-    xi.  Nine of ten errors are within the number in brackets (of areas, over the total
-    one), or the second times rms slope over rms curvature over the map's side.
+    periods that are taken as they are.  Loads are fractions of the hardness, which is
+    .2 E* xi.  Nine of ten errors are within the number in brackets (of areas, over the
+    total one), or the second times rms slope over rms curvature over the map's side.
     """
     axes = {"kind": kinds, "seed": seeds, "points": points}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SurfaceWarning)
-        found = {
-            "Crops": rows(say, crops, **axes, tiles=[tiles]),
-            "Controls": rows(say, controls, **axes),
+        tables = {
+            "Crops": tabulate(say, crops, **axes, tiles=[tiles]),
+            "Controls": tabulate(say, controls, **axes),
         }
     x = ("load", "mean pressure / hardness (–)")
-    for title, table in found.items():
+    for title, table in tables.items():
         table["size"] = table["error"].abs()
         table["ratio"] = table["size"] / table["length"]
-        for name, one in table.dropna().groupby("quantity", sort=False):
-            told = one.groupby("treatment", sort=False)[["size", "ratio"]].quantile(0.9)
-            claims = listed(told.reset_index(), "{treatment} ({size:.2g}, {ratio:.2g})")
+        for name, errors in table.dropna().groupby("quantity", sort=False):
+            groups = errors.groupby("treatment", sort=False)
+            bounds = groups[["size", "ratio"]].quantile(0.9).reset_index()
+            listed = list_rows(bounds, "{treatment} ({size:.2g}, {ratio:.2g})")
             y = ("error", f"rms relative error of {name} (–)")
-            means = root_mean_square(one, "error", ["treatment", "load"])
+            means = root_mean_square(errors, "error", ["treatment", "load"])
             plot = Plot(x, y, ("treatment",), log="xy", ticks=LOADS)
-            yield plot, means, f"{title}: {name}, {claims}"
+            yield plot, means, f"{title}: {name}, {listed}"

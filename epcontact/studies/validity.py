@@ -1,10 +1,9 @@
-"""The study of where the theory holds: its error over the plane of load and
-hardness.
-"""
+"""The study of where the theory holds: its error over load and hardness."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,26 +13,28 @@ from epcontact import persson
 from epcontact.output.charts.figures import logarithmic, new_figure, styled
 from epcontact.output.charts.style import DIFFERENCE_MAP, typeset
 from epcontact.persson import validity
+from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies.frame import Charts, Ints, Say, study
 from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 
 #: Relative errors between the colours; the outermost colours have no end.
 LEVELS = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
-#: The height at which the strip of a body without hardness is drawn, as hardness/(E*
-#: xi).
+#: Ends of hardness/(E* xi) between which a body without hardness is drawn.
 _STRIP = (3.8, 5.2)
 _OUTSIDE = "#bbbbbb"
 _UNRESOLVED: Any = {"fc": "#dddddd", "ec": "#777777", "hatch": "////", "linewidth": 0}
-_NOT = "not resolved by boundary elements"
-_X, _Y = "pressure_over_slope_modulus", "hardness_over_slope_modulus"
+_X = "pressure_over_slope_modulus"
+_Y = "hardness_over_slope_modulus"
+#: The figures of the map that are drawn, with the titles of their panels.
 _TITLES = {
     "total": "contact area",
     "elastic": "elastic area",
     "plastic": "plastic area",
+    "mean_gap": "mean gap",
+    "wasserstein": "distance of P(σ)",
+    "slope_at_zero": "slope of P(σ) at σ = 0",
 }
-_TITLES |= {"mean_gap": "mean gap", "wasserstein": "distance of P(σ)"}
-_TITLES |= {"slope_at_zero": "slope of P(σ) at σ = 0"}
 
 
 @study("validity", points=(64, 64))
@@ -44,92 +45,110 @@ def where_the_theory_holds(
     wide: float = 256.0,
     roll_off: float = 4.0,
 ) -> Charts:
-    """Error of the theory over the plane of load and hardness, by the kept map.
+    """Error of the theory over the plane of load and hardness, by the package's map.
 
     Boundary elements: 8 surfaces a place.  Strip: no hardness; dot: the scene of
     Almqvist and Persson.  Distances are Wasserstein's over the hardness, slopes means
     over a fifth of hardness or E* xi.
     """
+    del say
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
     rough = persson.analytic_roughness(spectrum)
-    reach, tables, reduction = validity.map_reach(), [], persson.EnergyReduction(GAMMA)
-    hardnesses = np.geomspace(*reach["hardness/(E*ξ)"], num=points[0])
-    low, high = (math.log(s / (1 - s)) for s in reach["p0/hardness"])
-    shares = 1 / (1 + np.exp(-np.linspace(low, high, points[1])))
-    loads = np.geomspace(*reach["p0/(E*ξ)"], num=points[1])
-    for hardness in (*hardnesses, math.inf):
-        for load in loads if math.isinf(hardness) else hardness * shares:
-            body = persson.Theory(rough, MODULUS, reduction, hardness * MODULUS)
-            found = validity.expected_errors(body, load * MODULUS)
+    reduction = persson.EnergyReduction(GAMMA)
+    rows = []
+    for hardness, loads in _places(*points):
+        body = persson.Theory(rough, MODULUS, reduction, hardness * MODULUS)
+        for load in loads:
+            errors = validity.expected_errors(body, load * MODULUS)
             for name in _TITLES:
-                low, middle, high = found.get(name, (math.nan,) * 3)
-                tables.append((name, hardness, middle, low, high, load))
+                low, middle, high = errors.get(name, (math.nan, math.nan, math.nan))
+                rows.append((name, hardness, middle, low, high, load))
+    names = list(_TITLES)
+    rows.sort(key=lambda row: names.index(row[0]))
     columns = ["series", _Y, "relative_error", "low", "high", _X]
-    table = pd.DataFrame(
-        sorted(tables, key=lambda row: [*_TITLES].index(row[0])), columns=columns
+    alpha, _ = validity.nayak(rough)
+    yield _draw, pd.DataFrame(rows, columns=columns), f"Nayak's parameter {alpha:.3g}"
+
+
+def _places(hardnesses: int, loads: int) -> Iterator[tuple[float, FloatArray]]:
+    """Yield each hardness of the map over E* xi, with the loads over E* xi there.
+
+    The last hardness is infinite.  Both arguments are numbers of places.
+    """
+    reach = validity.map_reach()
+    lowest, highest = reach["p0/hardness"]
+    logits = np.linspace(
+        math.log(lowest / (1 - lowest)), math.log(highest / (1 - highest)), loads
     )
-    alpha = validity.nayak(rough)[0]
-    yield _drawn, table, f"Nayak's parameter {alpha:.3g}"
+    load_over_hardness = 1 / (1 + np.exp(-logits))
+    for hardness in np.geomspace(*reach["hardness/(E*ξ)"], num=hardnesses):
+        yield float(hardness), hardness * load_over_hardness
+    yield math.inf, np.geomspace(*reach["p0/(E*ξ)"], num=loads)
 
 
-def _drawn(table: pd.DataFrame) -> Any:
-    """Six panels of the plane, in bands of colour between LEVELS."""
-    from matplotlib.cm import ScalarMappable
+def _draw(table: pd.DataFrame) -> Any:
+    """Return a figure with a panel for each figure of the map, in bands of colour."""
     from matplotlib.colors import BoundaryNorm
-    from matplotlib.patches import Patch
 
-    levels, rows = [-1.001, *LEVELS, 1.0], table[_Y].nunique()
-    look: Any = {
-        "cmap": DIFFERENCE_MAP,
-        "norm": BoundaryNorm(levels, 256),
-        "levels": levels,
-    }
+    levels = [-1.001, *LEVELS, 1.0]
+    norm = BoundaryNorm(levels, 256)
+    look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "norm": norm, "levels": levels}
     with styled():
         figure, _ = new_figure(7.6, 5.6)
         figure.clear()
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
-        figures = table.groupby("series", sort=False)
-        for axes, (name, known) in zip(panels.flat, figures, strict=True):
-            x, y, e = (
-                known[c].to_numpy().reshape(rows, -1)
-                for c in (_X, _Y, "relative_error")
-            )
-            e = np.minimum(e, 0.999)
-            edge = np.s_[:-1, 0], np.s_[-2::-1, -1]
-            axes.fill(
-                *(np.concatenate([v[i] for i in edge]) for v in (x, y)), **_UNRESOLVED
-            )
-            axes.contourf(x[:-1], y[:-1], e[:-1], **look)
-            strip = np.broadcast_to(np.transpose([_STRIP]), (2, x.shape[1]))
-            axes.contourf(np.tile(x[-1], (2, 1)), strip, np.tile(e[-1], (2, 1)), **look)
-            axes.plot(0.05, 0.6, "o", color="black", markersize=4)
-            axes.set(
-                facecolor=_OUTSIDE, ylim=(y.min(), _STRIP[1]), title=_TITLES[str(name)]
-            )
-            for axis in "xy":
-                logarithmic(axes, axis)
-            marks = [".1", ".2", ".5", "1", "2", "none"]
-            axes.set_yticks([0.1, 0.2, 0.5, 1, 2, sum(_STRIP) / 2], marks)
-        for axes in panels.flat:
-            axes.set_xlabel(
-                typeset("load p0 / (E* xi) (–)"), visible=axes in panels[-1]
-            )
-            axes.set_ylabel(
-                typeset("hardness / (E* xi) (–)"), visible=axes in panels[:, 0]
-            )
-        bar = figure.colorbar(
-            ScalarMappable(look["norm"], look["cmap"]),
-            ax=panels,
-            location="bottom",
-            ticks=LEVELS,
-            format=lambda v, _: f"{100 * v:+g}",
-            aspect=50,
-            shrink=0.8,
-        )
-        bar.set_label("relative error of the theory (%)")
-        keys = (
-            Patch(facecolor=_OUTSIDE, label="outside the map"),
-            Patch(**_UNRESOLVED, label=_NOT),
-        )
-        figure.legend(handles=keys, loc="outside lower center", ncols=2)
+        groups = table.groupby("series", sort=False)
+        for axes, (name, rows) in zip(panels.flat, groups, strict=True):
+            _draw_panel(axes, rows, look)
+            axes.set_title(_TITLES[str(name)])
+        for axes in panels[-1]:
+            axes.set_xlabel(typeset("load p0 / (E* xi) (–)"))
+        for axes in panels[:, 0]:
+            axes.set_ylabel(typeset("hardness / (E* xi) (–)"))
+        _add_legends(figure, panels, norm)
     return figure
+
+
+def _draw_panel(axes: Any, rows: pd.DataFrame, look: dict[str, Any]) -> None:
+    """Draw the error of one figure of the map over load and hardness."""
+    hardnesses = rows[_Y].nunique()
+    x = rows[_X].to_numpy().reshape(hardnesses, -1)
+    y = rows[_Y].to_numpy().reshape(hardnesses, -1)
+    error = rows["relative_error"].to_numpy().reshape(hardnesses, -1)
+    error = np.minimum(error, 0.999)
+    # The outline of the map; the last row is the body without hardness.
+    left = np.s_[:-1, 0]
+    right = np.s_[-2::-1, -1]
+    outline_x = np.concatenate([x[left], x[right]])
+    outline_y = np.concatenate([y[left], y[right]])
+    axes.fill(outline_x, outline_y, **_UNRESOLVED)
+    axes.contourf(x[:-1], y[:-1], error[:-1], **look)
+    strip_y = np.broadcast_to(np.transpose([_STRIP]), (2, x.shape[1]))
+    axes.contourf(np.tile(x[-1], (2, 1)), strip_y, np.tile(error[-1], (2, 1)), **look)
+    axes.plot(0.05, 0.6, "o", color="black", markersize=4)
+    axes.set(facecolor=_OUTSIDE, ylim=(y.min(), _STRIP[1]))
+    for axis in "xy":
+        logarithmic(axes, axis)
+    middle_of_strip = sum(_STRIP) / 2
+    labels = [".1", ".2", ".5", "1", "2", "none"]
+    axes.set_yticks([0.1, 0.2, 0.5, 1, 2, middle_of_strip], labels)
+
+
+def _add_legends(figure: Any, panels: Any, norm: Any) -> None:
+    """Add the bar of the colours and the keys of places without an error."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.patches import Patch
+
+    bar = figure.colorbar(
+        ScalarMappable(norm, DIFFERENCE_MAP),
+        ax=panels,
+        location="bottom",
+        ticks=LEVELS,
+        format=lambda value, _: f"{100 * value:+g}",
+        aspect=50,
+        shrink=0.8,
+    )
+    bar.set_label("relative error of the theory (%)")
+    outside = Patch(facecolor=_OUTSIDE, label="outside the map")
+    unresolved = Patch(**_UNRESOLVED, label="not resolved by boundary elements")
+    figure.legend(handles=(outside, unresolved), loc="outside lower center", ncols=2)

@@ -35,7 +35,7 @@ from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from epcontact.scene import Surface, rms_slope
 from epcontact.studies import areas as study
-from epcontact.studies.areas import Maker, Member, named, roughness
+from epcontact.studies.areas import Maker, Member, by_name, roughness
 
 PARTS = ("total", "plastic", "elastic")
 FACTORS, REFERENCE = (1, 2, 4), 16
@@ -119,7 +119,7 @@ KINDS: dict[str, Maker] = {
     "oblong cells": _rough,
     "layers": _rough,
 }
-KINDS |= named(_noisy, _ground, _turned, _blasted, _copies, _domed) | {"worn": _wear}
+KINDS |= by_name(_noisy, _ground, _turned, _blasted, _copies, _domed) | {"worn": _wear}
 KINDS |= {
     kind: study.KINDS[kind] for kind in ("skewed", "spheres", "cylinders", "punches")
 }

@@ -319,12 +319,14 @@ def j2(seeds=range(1, 4), nodes=48, waves=6):
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["spots"]:
-        theory = by_theory(study.kept().query("breadth == 8 and hurst in (0.3, 0.8)"))
+        theory = by_theory(
+            study.table_of_package().query("breadth == 8 and hurst in (0.3, 0.8)")
+        )
         print(*(each.to_string() for each in (spots(), theory, j2())), sep="\n")
     elif sys.argv[1:] == ["corners"]:
         print(corners().round(3).to_string())
     elif sys.argv[1:] == ["judge"]:
-        report(study.kept())
+        report(study.table_of_package())
     else:
         table = table_of(SEEN + UNSEEN)
         table.round(5).to_csv(FILE, index=False)

@@ -36,7 +36,7 @@ from epcontact import EpcontactError, Load, Material, Scene, Surface, bem
 from epcontact.interface.rim import CONSTANTS, SMOOTH, STEP, limit_of
 from epcontact.interface.stiffness import carrying, sinking_and_rim
 from epcontact.reference.posts import FLAT_PUNCH
-from epcontact.studies.areas import KINDS, member, named, roughness
+from epcontact.studies.areas import KINDS, by_name, member, roughness
 from epcontact.studies.conductance import joint_scene
 
 #: The share of errors that are to lie within their claim.
@@ -147,10 +147,10 @@ def _turned(patch, rng):
 
 #: Kinds of surfaces other than those of `epcontact.studies.areas`, to which constants
 #: are fitted.
-TAUGHT = {"waves": _waves, "oblong": _waves} | named(
+TAUGHT = {"waves": _waves, "oblong": _waves} | by_name(
     _terraces, _ripples, _ellipsoids, _rings
 )
-TAUGHT |= named(_pyramids, _grooves, _spikes, _lapped)
+TAUGHT |= by_name(_pyramids, _grooves, _spikes, _lapped)
 
 
 def _along_the_grid(patch, rng):

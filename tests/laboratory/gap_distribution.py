@@ -1,0 +1,112 @@
+"""The distribution of the open gap by all methods, and its distance from BEM's.
+
+    python -m laboratory.gap_distribution [--full]
+
+Boundary and finite elements (capped, on the same grid) count the gaps of their grid
+points, the contact at 0; the theory's distribution has the spectrum of each surface.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+import fem_check
+from epcontact.output.charts.plot import Plot
+from epcontact.persson import separation
+from epcontact.studies import paper_scene as paper
+from epcontact.studies.frame import Study, list_rows, mean_with_interval, tabulate
+from laboratory import charts
+
+#: Hardness over E* xi, and gaps over the rms height at which distributions are
+#: compared.
+HARDNESSES = (math.inf, 0.6, 0.3, 0.16)
+SHOWN = (0.6, 0.16)
+GAPS = np.linspace(0, 6, 601)[1:]
+
+
+def cumulative(method, scene):
+    """Return the fraction of the area with a gap of at most GAPS times the rms
+    height.
+    """
+    u = GAPS * scene.surface.rms_height
+    if method == "persson":
+        theory = paper.theory_of(scene)
+        return separation.gap_distribution(theory, scene.load.final, u)[1]
+    if method == "bem":
+        result = paper.solve_bem(scene)
+    else:
+        law = "capped" if math.isfinite(scene.material.hardness) else "elastic"
+        result = fem_check.solve(scene, law=law, certified=False)
+    gap = np.sort(np.maximum(result.fields["gap"], 0.0), axis=None)
+    return np.searchsorted(gap, u, side="right") / gap.size
+
+
+def distances(table, method, reference):
+    """Return Wasserstein distances over the reference's mean gap, with their intervals.
+
+    The unit of the gap cancels in the ratio of the two sums.
+    """
+    index = ["ratio", "seed", "gap_over_rms_height"]
+    wide = table.pivot_table(index=index, columns="method", values="cumulative_area")
+    columns = {
+        "difference": (wide[method] - wide[reference]).abs(),
+        "mean": 1 - wide[reference],
+    }
+    sums = pd.DataFrame(columns).groupby(["ratio", "seed"], sort=False).sum()
+    distance = sums["difference"] / sums["mean"]
+    rows = sums.assign(distance=distance).reset_index()
+    return mean_with_interval(rows, "distance", ["ratio"])
+
+
+def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
+    """Distribution of the open gap by all methods, and its distance from BEM's.
+
+    Wasserstein distances from boundary elements are over their mean gap, by hardness
+    over E* xi, with 95 % intervals.
+    """
+    x = ("gap_over_rms_height", "gap over rms height (–)")
+    y = ("cumulative_area", "fraction of the area with a smaller gap (–)")
+
+    def row(ratio, seed, method, points, bandwidth):
+        scene = paper.rough_scene(points, seed, bandwidth, ratio * paper.MODULUS)
+        columns = {x[0]: GAPS, y[0]: cumulative(method, scene)}
+        return pd.DataFrame(columns).to_dict("records")
+
+    plot = Plot(
+        x,
+        y,
+        ("hardness", "method"),
+        style="curve",
+        colour="hardness",
+        mark="method",
+        limits={"ylim": (0, 1)},
+    )
+    form = "{distance:.3f} [{distance_low:.3f}, {distance_high:.3f}] at {ratio:g}"
+    sizes = ((points, narrow, ("fem", "persson")), (4, wide, ("persson",)))
+    for grid, bandwidth, others in sizes:
+        table = tabulate(
+            say,
+            row,
+            ratio=HARDNESSES,
+            seed=seeds,
+            method=("bem", *others),
+            points=[grid],
+            bandwidth=[bandwidth],
+        )
+        groups = table.groupby(["method", "ratio", x[0]], sort=False)
+        means = groups[y[0]].mean().reset_index()
+        means["hardness"] = means["ratio"].map(r"{:g} $E^*\xi$".format)
+        listed = []
+        for other in others:
+            found = list_rows(distances(table, other, "bem"), form)
+            listed.append(f"{other}: {found}")
+        title = f"Distribution of the open gap at bandwidth {bandwidth}, its distances"
+        yield plot, means[means["ratio"].isin(SHOWN)], f"{title} by {'; '.join(listed)}"
+
+
+FULL = {"points": 8, "wide": 256, "seeds": range(401, 417)}
+STUDY = Study("gap_distribution", gap_distribution, FULL)
+
+if __name__ == "__main__":
+    charts.save(STUDY)
