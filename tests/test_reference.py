@@ -270,6 +270,78 @@ def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(
         CLOSED_FORMS["hertz"].pressures(BUMP)
 
 
+@pytest.mark.parametrize(
+    ("form", "quantity", "scene", "words"),
+    [
+        ("light_load", "area.total.raw", rough(), "a contact area of at most 0.15"),
+        ("westergaard", "quantity.elastic_energy", wave(1.1), "partial contact"),
+        ("full_contact", "area.total.raw", wave(0.9), "that closes every gap"),
+        ("bearing_area", "area.total.raw", wave(0.5), "a finite hardness"),
+        ("waviness_light", "area.total.raw", wave(0.5), "the product of two waves"),
+    ],
+)
+def test_a_refusal_says_what_the_form_describes(form, quantity, scene, words):
+    with pytest.raises(InvalidCase, match=f"{form} describes .*{words}"):
+        scalar(form, quantity, scene)
+
+
+def bump(*shape):
+    """An elastic half-space under paraboloids that are not in the middle."""
+    centre = (0.3, 0.55)[: len(shape)]
+    periods = (L,) * len(shape)
+    return elastic(Paraboloid(periods, shape, 1e-2, centre), 1e8)
+
+
+@pytest.mark.parametrize(
+    ("form", "scene"),
+    [
+        ("westergaard", wave(0.3)),
+        ("westergaard", elastic(Sinusoid((L, L / 128), (512, 4), 1e-6), 1e8)),
+        ("hertz", bump(4096)),
+        ("hertz", bump(256, 256)),
+        ("full_contact", rough()),
+        ("full_contact", replace(rough(), body=Body("bonded_layer", 1e-4))),
+        ("full_contact", replace(rough(), body=Body("sliding_layer", 1e-4))),
+    ],
+)
+def test_the_pressures_of_a_form_carry_the_load_on_its_area(form, scene):
+    pressure = CLOSED_FORMS[form].field("pressure", scene)
+    area = scalar(form, "area.total.raw", scene)
+    assert pressure.mean() == pytest.approx(scene.load.final, rel=1e-3)
+    assert np.mean(pressure > 0) == pytest.approx(area, abs=2e-3)
+    if "quantity.largest_pressure" in CLOSED_FORMS[form].quantities:
+        largest = scalar(form, "quantity.largest_pressure", scene)
+        assert pressure.max() == pytest.approx(largest, rel=1e-3)
+    else:
+        found = CLOSED_FORMS[form].pressures(scene)
+        assert found.pressure[1:].tolist() == sorted(pressure.flat)
+        assert found.cumulative[[0, -1]].tolist() == [0, 1]
+
+
+def test_the_work_on_a_level_layer_is_stored_or_spent():
+    """The integral of the pressure over the approach, far beyond the yield pressure."""
+    material = Material(2.0e11, 0.3, yield_stress=1e9)
+    surface = Surface(np.zeros((4, 4)), (L, L))
+    layer = Scene(surface, material, Load(1e9), Body("bonded_layer", 1e-3))
+
+    def at(quantity, *path):
+        return scalar("flat", f"quantity.{quantity}", replace(layer, load=Load(path)))
+
+    # At first all of it is elastic, with half of the pressure times the approach.
+    assert at("plastic_work", 1e8) == 0
+    energy = at("elastic_energy", 1e8)
+    assert energy == pytest.approx(1e8 * at("approach", 1e8) / 2)
+    pressure = np.linspace(1e8, 8e9, 4001)
+    approach = [at("approach", p) for p in pressure]
+    work = energy + np.trapezoid(pressure, approach)
+    found = at("elastic_energy", 8e9) + at("plastic_work", 8e9)
+    assert found == pytest.approx(work, rel=1e-6)
+    # A small part of the load is taken off elastically, and gives its work back.
+    given_back = (8e9 + 7e9) / 2 * (at("approach", 8e9) - at("approach", 8e9, 7e9))
+    energy = at("elastic_energy", 8e9) - at("elastic_energy", 8e9, 7e9)
+    assert energy == pytest.approx(given_back, rel=1e-9)
+
+
 PLACES = np.column_stack(
     [(np.arange(16) + 0.5) / 16, np.random.default_rng(0).random(16)]
 )

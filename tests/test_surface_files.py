@@ -262,6 +262,9 @@ def test_outliers_are_told_with_their_places_and_removed_on_demand(spikes):
     assert np.abs(removed.heights - truth.heights)[~moved].max() < 0.01e-6
     assert kept.rms_slope > 1.02 * truth.rms_slope
     assert removed.rms_slope == pytest.approx(truth.rms_slope, rel=1e-3)
+    # What was removed is not counted as missing.
+    missing = int(np.isnan(given).sum())
+    assert any(f"{missing} of 120000 heights missing" in n for n in removed.notes)
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"outliers"}))
