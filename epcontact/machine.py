@@ -19,6 +19,7 @@ import hashlib
 import logging
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import threading
@@ -100,6 +101,25 @@ def alive(pid: int) -> bool:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
     except psutil.NoSuchProcess:
         return False
+
+
+def describe_death(code: int | None) -> str:
+    """Describe how a process ended.
+
+    Args:
+        code: its exit code; -n for the signal n, None if it was ended from here.
+    """
+    if code is None:
+        return "was ended"
+    if code >= 0:
+        return f"ended with exit code {code}"
+    names = {each.value: each.name for each in signal.Signals}
+    name = names.get(-code, f"signal {-code}")
+    causes = {
+        "SIGKILL": " (most likely for want of memory)",
+        "SIGSEGV": " (invalid memory access)",
+    }
+    return f"was killed by {name}{causes.get(name, '')}"
 
 
 @contextlib.contextmanager

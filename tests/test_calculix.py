@@ -17,10 +17,10 @@ from skfem import Basis, ElementHex1, ElementVector
 from skfem.io.meshio import from_meshio
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
+from epcontact.crosscheck.report import crosscheck
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.crosscheck import crosscheck
-from epcontact.harness.methods import calculix
+from epcontact.peers import calculix
 from epcontact.scene import Load
 from fem_check.driver import FemOptions, mesh_of, problem_of
 

@@ -49,11 +49,6 @@ def test_case_becomes_scenes(write_case):
         case.changed(method="bem")
 
 
-NO_GAP = (
-    '[[omit]]\nquantity = "quantity.measured_gap"\nof = "bem"\nbecause = "It is so."\n'
-)
-
-
 def bands(case):
     return {(gate.of, gate.quantity): gate.high for gate in case.gates}
 
@@ -65,8 +60,7 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case):
     own, gap = ("bem", "area.total.corrected"), ("bem", "quantity.measured_gap")
     before = bands(load_case(write_case()))
     assert (before[gap], set(before)) == (1e-7, names | {own})
-    # A gate of the case on the same quantity replaces one, and a table [[omit]] removes
-    # one.
+    # A gate of the case on the same quantity replaces one.
     number = (
         '"persson"\ntolerance',
         '0.0\nsource = "a test"\nnorm = "absolute"\ntolerance',
@@ -75,10 +69,6 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case):
     assert bands(case) == {key: band for key, band in before.items() if key != own} | {
         gap: 0.5
     }
-    case = load_case(write_case(more=NO_GAP))
-    assert bands(case) == {key: band for key, band in before.items() if key != gap}
-    (told,) = case.not_judged
-    assert told == f"default gate {gap[1]} of bem is omitted: It is so."
     assert len(load_case("paper-8192-32-elastic", "large").gates) == 1  # its own alone
 
 

@@ -15,11 +15,11 @@ from fem_scenes import J2_CASE, rough_scene
 import fem_check
 from epcontact import bem
 from epcontact.cli.plans import _seeds
+from epcontact.crosscheck.model_difference import combined, elements_compliance
+from epcontact.crosscheck.report import crosscheck, error_budget, measured_hardness
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.crosscheck import crosscheck, error_budget, measured_hardness
 from epcontact.harness.gates import Difference, difference, distance
-from epcontact.harness.quantities.model_difference import combined, elements_compliance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
 from epcontact.results import (
     Areas,

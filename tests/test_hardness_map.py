@@ -25,9 +25,9 @@ from laboratory.hardness_map import (
 from scipy.interpolate import RegularGridInterpolator
 
 from epcontact import effective_hardness
+from epcontact.crosscheck.report import measured_hardness
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import load_case
-from epcontact.harness.crosscheck import measured_hardness
 from epcontact.harness.solving.run import solve_task
 from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.harness.sweep import read_sweep

@@ -30,7 +30,6 @@ from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.methods import foreign
-from epcontact.harness.methods.peers import result_of
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.judgement import judge_case
@@ -38,6 +37,7 @@ from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.verification import verify
 from epcontact.harness.workers import Worker, WorkerDied, WorkerPool, spread
 from epcontact.machine import alive
+from epcontact.peers.pressure_result import result_of_pressures
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Body, Load, Material, Scene, Surface
 
@@ -264,7 +264,7 @@ def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
         Surface(heights, (1e-3, 1e-3)), Material(2e11, 0.3, 1e9), Load(springs.mean())
     )
     with pytest.raises(NotConverged, match="open points lie below plastic ones"):
-        result_of(rough, {"pressure": springs}, "springs")
+        result_of_pressures(rough, {"pressure": springs}, "springs")
 
 
 @pytest.mark.parametrize("loads", ["5e8, 1e9, 5e8", "5e8, 0.0, 1e9, 1.1e9, 0.0"])

@@ -12,8 +12,10 @@ from command_line import python
 import fem_check
 from epcontact import bem
 from epcontact.errors import InvalidScene
-from epcontact.harness.methods import peers
 from epcontact.harness.verdict.verification import verify
+from epcontact.peers.pressure_result import result_of_pressures
+from epcontact.peers.public_codes import contact_mechanics, tamaas
+from epcontact.peers.tamaas_j2 import tamaas_j2
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum
 from epcontact.surfaces import SelfAffine
 
@@ -30,7 +32,7 @@ def scene():
 
 def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     own = bem.solve(scene)
-    found = peers.result_of(scene, {"pressure": own.fields["pressure"]}, "own")
+    found = result_of_pressures(scene, {"pressure": own.fields["pressure"]}, "own")
     assert found.final.areas["raw"] == own.final.areas["raw"]
     atol = 1e-7 * np.std(scene.surface.heights)  # of the solver's tolerance
     np.testing.assert_allclose(found.fields["gap"], own.fields["gap"], atol=atol)
@@ -42,16 +44,18 @@ def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     assert found.final.residuals["force"] < 1e-12
     # A gap that a solver gives is taken as it is, and a wrong pressure shows in the
     # residuals.
-    given = peers.result_of(
+    given = result_of_pressures(
         scene, {**own.fields, "gap": own.fields["gap"] + 1e-9}, "own"
     )
     np.testing.assert_array_equal(given.fields["gap"], own.fields["gap"] + 1e-9)
-    wrong = peers.result_of(scene, {"pressure": 1.02 * own.fields["pressure"]}, "wrong")
+    wrong = result_of_pressures(
+        scene, {"pressure": 1.02 * own.fields["pressure"]}, "wrong"
+    )
     assert wrong.final.residuals["force"] == pytest.approx(0.02)
     assert wrong.final.residuals["gap_elastic"] > 1e-3
 
 
-@pytest.mark.parametrize("solve", [peers.contact_mechanics, peers.tamaas])
+@pytest.mark.parametrize("solve", [contact_mechanics, tamaas])
 def test_peers_touch_where_the_boundary_elements_do(scene, solve):
     pytest.importorskip({"tamaas": "tamaas"}.get(solve.__name__, "ContactMechanics"))
     raw = solve(scene).final.areas["raw"]
@@ -69,7 +73,7 @@ def test_peers_touch_where_the_boundary_elements_do(scene, solve):
 )
 def test_scenes_that_peers_do_not_know_are_refused(scene, change, says):
     with pytest.raises(InvalidScene, match=says):
-        peers.tamaas_j2(replace(scene, **change))
+        tamaas_j2(replace(scene, **change))
 
 
 def test_second_opinion_on_j2_flow():
@@ -77,7 +81,7 @@ def test_second_opinion_on_j2_flow():
     spectrum = SelfAffineSpectrum(0.8, Q, Q, 2 * Q, 0.05)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (17, 17), seed=101).build()
     flowing = Scene(surface, Material(9.1e10, 0.3, yield_stress=1e9), Load(2.5e8))
-    found = peers.tamaas_j2(flowing)
+    found = tamaas_j2(flowing)
     own = fem_check.solve(flowing, law="j2", certified=False)
     assert found.final.residuals["gap_elastic"] < 1e-6
     # On so coarse a grid the two differ by a sixth in raw area

@@ -20,15 +20,15 @@ from epcontact.cli.listing import open_console
 from epcontact.cli.main import tell
 from epcontact.cli.options import of_run, own_size, shown_progress
 from epcontact.cli.tables import loads_table
+from epcontact.crosscheck.report import crosscheck as check_models
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
-from epcontact.harness.crosscheck import crosscheck as check_models
-from epcontact.harness.methods import calculix
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.sweep import digest, run_sweep
 from epcontact.harness.verdict.verification import verify
 from epcontact.materials.hardness_map import effective_hardness
+from epcontact.peers import calculix
 from epcontact.reference.conductance import joint_conductance
 
 

@@ -12,7 +12,6 @@ quantities        QUANTITIES: every quantity that a gate can read
 methods           METHODS: every way to solve a scene, including a user's own
 case_files        the tables of a case file, checked, as a Case at one size
 solving           tasks, what is measured at each load, results in memory and on disk
-crosscheck        the parts of the difference between finite and boundary elements
 sweep             a case at many points
 verdict           `verify`, the main job, and the Verdict that verdict.json holds
 pytest_plugin     gates as tests of pytest

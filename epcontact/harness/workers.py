@@ -30,7 +30,7 @@ from typing import Any, TypeVar
 import psutil
 
 from epcontact.errors import EpcontactError, InvalidCase, printable, sentence_of
-from epcontact.machine import alive
+from epcontact.machine import alive, describe_death
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -149,25 +149,6 @@ def _isolated_start() -> Iterator[None]:
             sys.modules["__main__"] = script
             if can_block:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def describe_death(code: int | None) -> str:
-    """Describe how a process ended.
-
-    Args:
-        code: its exit code; -n for the signal n, None if it was ended from here.
-    """
-    if code is None:
-        return "was ended"
-    if code >= 0:
-        return f"ended with exit code {code}"
-    names = {each.value: each.name for each in signal.Signals}
-    name = names.get(-code, f"signal {-code}")
-    causes = {
-        "SIGKILL": " (most likely for want of memory)",
-        "SIGSEGV": " (invalid memory access)",
-    }
-    return f"was killed by {name}{causes.get(name, '')}"
 
 
 def kill_tree(pid: int) -> None:

@@ -28,9 +28,9 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.errors import StudyUnavailable
-from epcontact.harness.methods.peers import PEERS, Pressure
 from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.output.charts.plot import Plot
+from epcontact.peers.public_codes import PEERS, Pressure
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, TIGHT, timed
 from epcontact.studies.frame import Charts, Rows, Say, list_rows, study, tabulate

@@ -23,11 +23,11 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from epcontact.errors import InvalidCase
-from epcontact.harness.quantities.model_difference import (
+from epcontact.crosscheck.model_difference import (
     capped_body,
     elements_compliance,
 )
+from epcontact.errors import InvalidCase
 from epcontact.harness.solving.saved import load_saved
 from epcontact.materials.hardness_map import PARTS, fit, terms
 from epcontact.materials.moduli import effective_modulus

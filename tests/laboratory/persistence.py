@@ -12,11 +12,11 @@ import math
 from dataclasses import replace
 
 from epcontact import persson
-from epcontact.errors import InvalidScene
-from epcontact.harness.quantities.model_difference import (
+from epcontact.crosscheck.model_difference import (
     capped_body,
     elements_compliance,
 )
+from epcontact.errors import InvalidScene
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Body, Load

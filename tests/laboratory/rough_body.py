@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 import fem_check
-from epcontact.harness.quantities.model_difference import hardness_of_equal_area
+from epcontact.crosscheck.model_difference import hardness_of_equal_area
 from epcontact.output.charts.plot import Plot
 from epcontact.scene import Load
 from epcontact.studies.frame import Study, tabulate

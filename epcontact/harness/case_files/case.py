@@ -17,9 +17,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from epcontact.errors import EpcontactError, InvalidCase, nearest
+from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.mistakes import told
-from epcontact.harness.case_files.model import Case, GateTable, default_gates
+from epcontact.harness.case_files.model import Case, GateTable
 from epcontact.harness.case_files.text import (
     SIZES,
     CaseText,
@@ -81,9 +81,7 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
     """Return the case at a point of its sweep (values by their keys), which no gate
     judges.
     """
-    tables = {
-        k: v for k, v in text.tables.items() if k not in ("gate", "omit", "sweep")
-    }
+    tables = {k: v for k, v in text.tables.items() if k not in ("gate", "sweep")}
     for key, value in point.items():
         section, _, name = key.partition(".")
         tables[section] = {**tables.get(section, {}), name: value}
@@ -203,9 +201,7 @@ def _strength_mistakes(case: Case) -> Iterator[str]:
 
 
 def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
-    """Yield a sentence for each gate that the case cannot answer, and for each wrong
-    [[omit]].
-    """
+    """Yield a sentence for each gate that the case cannot answer."""
     for number, gate in enumerate(case.gate, start=1):
         for wrong in _unanswerable(gate, case, sizes):
             yield f"gate {number}: {wrong}"
@@ -217,13 +213,6 @@ def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
     yield from (
         f"there are {n} gates {name}; keep one" for name, n in own.items() if n > 1
     )
-    for omitted in case.omit:
-        known = [gate.quantity for gate in default_gates() if gate.of == omitted.of]
-        if omitted.quantity not in known:
-            yield (
-                f"omit has {omitted.quantity!r} of {omitted.of}, which is no default "
-                f"gate{nearest(omitted.quantity, known)}"
-            )
 
 
 def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterator[str]:

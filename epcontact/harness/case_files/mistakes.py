@@ -12,7 +12,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from epcontact.errors import closest, nearest
-from epcontact.harness.case_files.axes import Range
 from epcontact.harness.case_files.model import Case
 from epcontact.harness.case_files.text import SIZES
 
@@ -22,7 +21,7 @@ MOST_TOLD = 20
 #: Pydantic's names of the mistake that a key is none of its table.
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 #: What pydantic puts between the keys of a place: types, and tags of unions.
-_TYPES = re.compile(r"(float|str|int|bool|range|values)$|(list|literal)\[")
+_TYPES = re.compile(r"(float|str|int|bool)$|(list|literal)\[")
 
 
 @functools.cache
@@ -33,7 +32,7 @@ def case_schema() -> dict[str, Any]:
     schema = Case.model_json_schema()
     differ = {
         name: {
-            "type": "array" if name in ("gate", "omit") else "object",
+            "type": "array" if name == "gate" else "object",
             "description": f"keys of [{name}] that differ in this variant",
         }
         for name in schema["properties"]
@@ -138,6 +137,8 @@ def _sentence(where: str, errors: Sequence[Any]) -> str:
         said = f".kind must be one of {', '.join(_kinds())}"
     elif kind == "list_type" and isinstance(given, dict) and len(location) == 1:
         said = f" is one table of a list; write [[{where}]]"
+    elif kind == "list_type" and location[0] == "sweep":
+        said = f" is {given!r:.200}, but must be a list of values, such as [1e8, 2e8]"
     elif isinstance(given, dict) and given:
         names, size = ", ".join(map(repr, given)), nearest(next(iter(given)), SIZES)
         said = (
@@ -168,7 +169,7 @@ def _where(location: tuple[Any, ...]) -> str:
         for part in location
         if part not in _kinds() and not _TYPES.match(str(part))
     ]
-    if parts[:1] in (["gate"], ["omit"]) and len(parts) > 1:
+    if parts[:1] == ["gate"] and len(parts) > 1:
         parts[:2] = [f"{parts[0]} {parts[1] + 1}"]
     keys = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
     return "".join(keys).removeprefix(".") or "the case"
@@ -180,7 +181,5 @@ def _keys_beside(location: tuple[Any, ...]) -> Mapping[str, Any]:
     """
     if len(location) == 1:
         return {key: {} for key in case_schema()["properties"]}
-    if location[0] == "sweep" and len(location) > 2:
-        return dict(Range.model_json_schema()["properties"])
     name = f"surface, {location[1]}" if location[0] == "surface" else str(location[0])
     return dict(_tables()[name]["properties"])

@@ -234,14 +234,6 @@ class GateTable(Table):
                 yield f"the closed form {against} has no {quantity!r}; it has {known}"
 
 
-class OmitTable(Table):
-    """[[omit]]: a default gate of a method that does not apply to the case."""
-
-    quantity: str = key("quantity of the default gate")
-    of: MethodName = key("the method whose default gate it is")
-    because: str = key("why the case cannot hold it", min_length=1)
-
-
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
     """Return the gates of `default_gates.toml`, which every case of a method must
@@ -294,7 +286,6 @@ class Case(Table):
     load: Annotated[Load, _part(Load, LoadTable)]
     body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
     gate: list[GateTable] = key("comparisons, which `epcontact verify` needs", [])
-    omit: list[OmitTable] = key("default gates that do not apply", [])
     sweep: SweepTable | None = key("values that a sweep gives to keys", None)
     theory: TheoryTable | None = None
     bem: BemTable = BemTable()
@@ -510,15 +501,12 @@ class Case(Table):
         """The gates at this size: the case's own, and the default gates of its methods.
 
         A gate of the case replaces the default gate on the same quantity of the same
-        method, and a table [[omit]] removes one.  A case that is there to be run or
-        swept has no gate at all.
+        method.  A case that is there to be run or swept has no gate at all.
         """
         own = [
             gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes
         ]
-        replaced = {(g.of, g.quantity) for g in own} | {
-            (o.of, o.quantity) for o in self.omit
-        }
+        replaced = {(gate.of, gate.quantity) for gate in own}
         shared = [
             gate
             for gate in (default_gates() if self.gate else ())
@@ -530,17 +518,11 @@ class Case(Table):
 
     @cached_property
     def not_judged(self) -> tuple[str, ...]:
-        """A sentence for each gate that the case has or omits and that this size leaves
-        out.
-        """
-        elsewhere = [g for g in self.gate if g.sizes and self.size not in g.sizes]
-        sizes = [(g.gate.name, " and ".join(g.sizes or ())) for g in elsewhere]
-        return (
-            *(f"{name} applies to size {those} only" for name, those in sizes),
-            *(
-                f"default gate {o.quantity} of {o.of} is omitted: {o.because}"
-                for o in self.omit
-            ),
+        """A sentence for each gate of the case that this size leaves out."""
+        return tuple(
+            f"{gate.gate.name} applies to size {' and '.join(gate.sizes)} only"
+            for gate in self.gate
+            if gate.sizes and self.size not in gate.sizes
         )
 
     def digest(self, recipe: surfaces.Recipe) -> str:

@@ -65,7 +65,8 @@ import numpy as np
 from epcontact import results
 from epcontact.errors import InvalidCase, NotConverged, sentence_of
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
-from epcontact.harness.workers import Worker, WorkerDied, describe_death
+from epcontact.harness.workers import Worker, WorkerDied
+from epcontact.machine import describe_death
 from epcontact.results import (
     Areas,
     ContactResult,
@@ -234,10 +235,12 @@ def _by_its_pressures(
     package knows, it keeps the word only of a body that flows by J2, as its surface
     does not show them.
     """
-    from epcontact.harness.methods.peers import result_of  # loads solvers
+    from epcontact.peers.pressure_result import result_of_pressures  # loads solvers
 
     flows = result.provenance.options.get("law") == "j2"  # no cap bounds its pressures
-    found = result_of(scene, result.fields, result.method, before=before, flows=flows)
+    found = result_of_pressures(
+        scene, result.fields, result.method, before=before, flows=flows
+    )
     areas, known, fields = (
         dict(found.final.areas),
         found.final.quantities,

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import pkgutil
 import re
 import shutil
 import time
@@ -331,9 +332,7 @@ def _peer(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
-    from epcontact.harness.methods import peers
-
-    solve = getattr(peers, name)
+    solve = pkgutil.resolve_name(f"epcontact.peers.{name}")
     return solve_load_by_load(lambda scene, _: solve(scene), scene, on_load)
 
 
@@ -343,7 +342,7 @@ def _calculix(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
-    from epcontact.harness.methods import calculix
+    from epcontact.peers import calculix
 
     result = calculix.solve(scene, options)
     if on_load is not None:  # its fields are those of the last load
@@ -413,19 +412,26 @@ _OWN = (
         load=partial(_warm_up, _fem, 8, layers=2),
     ),
 )
-_PEERS = tuple(
+_PEERS = (
     Method(
-        name,
-        f"the public solver {package}, {how}",
-        partial(_peer, name),
-        has_model_measures=name == "tamaas_j2",
-        requires=package,
-    )
-    for name, package, how in (
-        ("contact_mechanics", "ContactMechanics", "with a pressure cap"),
-        ("tamaas", "tamaas", "with a pressure cap"),
-        ("tamaas_j2", "tamaas", "with J2 flow by volume integrals"),
-    )
+        "contact_mechanics",
+        "the public solver ContactMechanics, with a pressure cap",
+        partial(_peer, "public_codes.contact_mechanics"),
+        requires="ContactMechanics",
+    ),
+    Method(
+        "tamaas",
+        "the public solver tamaas, with a pressure cap",
+        partial(_peer, "public_codes.tamaas"),
+        requires="tamaas",
+    ),
+    Method(
+        "tamaas_j2",
+        "the public solver tamaas, with J2 flow by volume integrals",
+        partial(_peer, "tamaas_j2.tamaas_j2"),
+        has_model_measures=True,
+        requires="tamaas",
+    ),
 )
 _CALCULIX = Method(
     "calculix",

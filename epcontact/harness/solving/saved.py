@@ -25,8 +25,17 @@ from epcontact.results import ContactResult, package_versions
 
 #: Rooms of the package that show results or ask for them.  An edit there keeps saved
 #: results valid, unless it is in one of `_SOLVING`, which changes numbers.
-_SHOWING = {"cli", "planning", "studies", "output", "harness"}
+_SHOWING = {
+    "cli",
+    "crosscheck",
+    "harness",
+    "output",
+    "pictures",
+    "planning",
+    "studies",
+}
 _SOLVING = (
+    "crosscheck/model_difference.py",
     "output/vtk.py",
     "harness/methods",
     "harness/quantities",

@@ -91,7 +91,7 @@ class CaseVerdict(Record):
     gates: list[GateVerdict]
     not_judged: list[str] = Field(
         default=[],
-        description="the gates that this size leaves out or that the case omits",
+        description="the gates that this size leaves out",
     )
     _case: Case | None = PrivateAttr(default=None)
     _results: Mapping[str, MethodResults] = PrivateAttr(default_factory=dict)

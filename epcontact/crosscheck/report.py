@@ -31,16 +31,16 @@ from typing import Any, Literal
 
 import fem_check
 from epcontact import bem
-from epcontact.errors import InvalidCase, NotConverged
-from epcontact.harness.case_files.case import Case
-from epcontact.harness.gates import Difference, difference, estimate, standard_deviation
-from epcontact.harness.methods import calculix
-from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.quantities.model_difference import (
+from epcontact.crosscheck.model_difference import (
     EffectiveHardness,
     combined,
     hardness_of_equal_area,
 )
+from epcontact.errors import InvalidCase, NotConverged
+from epcontact.harness.case_files.case import Case
+from epcontact.harness.gates import Difference, difference, estimate, standard_deviation
+from epcontact.harness.methods.registry import METHODS
+from epcontact.peers import calculix
 from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Scene, Surface
 from epcontact.surfaces import SelfAffine

@@ -35,7 +35,7 @@ import numpy as np
 from epcontact import results
 from epcontact.errors import InvalidScene, NotConverged, sentence_of
 from epcontact.files import atomic_write
-from epcontact.harness.workers import describe_death
+from epcontact.machine import describe_death
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene
 from fem_check.driver import problem_of
