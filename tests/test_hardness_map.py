@@ -50,16 +50,17 @@ def test_the_map_covers_what_it_says_and_is_smooth():
     )  # a map that was made anew has another one
     known = hardness_map()
     assert known["load"].size == np.prod(
-        [np.unique(known[name]).size for name in kept.SYMBOLS]
+        [np.unique(known[name]).size for name in kept.COORDINATES]
     )
-    inside = known["area"] <= kept.FULL
+    inside = known["area"] <= kept.LARGEST_AREA
     inverse = known["inverse_hardness"][inside]
     off = (
-        kept.fitted_ratio(*(known[name][inside] for name in kept.SYMBOLS)) * inverse - 1
+        kept.fitted_ratio(*(known[name][inside] for name in kept.COORDINATES)) * inverse
+        - 1
     )
     # What the formula misses, and the scatter of the places, each at 95 %.
     assert (
-        np.abs(off) < np.hypot(known["scatter"][inside], kept.formula()[1])
+        np.abs(off) < np.hypot(known["scatter"][inside], kept.fitted_formula()[1])
     ).mean() > 0.9
     assert np.abs(off).max() < 0.08
     # The map was made until its surfaces leave no more than 2 %, and its grids 2 to 4
@@ -75,7 +76,9 @@ def test_the_map_covers_what_it_says_and_is_smooth():
 )
 def test_the_area_is_interpolated_linearly_in_ln_s_nu_and_m(changed):
     places = (
-        pd.DataFrame({**hardness_map()}).set_index([*kept.SYMBOLS])["area"].sort_index()
+        pd.DataFrame({**hardness_map()})
+        .set_index([*kept.COORDINATES])["area"]
+        .sort_index()
     )
     axes = [level.to_numpy() for level in places.index.levels]
     area = places.to_numpy().reshape([axis.size for axis in axes])
@@ -93,7 +96,7 @@ def test_only_ratios_matter_and_the_interval_holds_the_value():
     assert scaled.value == pytest.approx(1e-6 * found.value)
     ends = [found.value / (1 + found.error), found.value / (1 - found.error)]
     assert [*found.interval] == pytest.approx(ends, rel=1e-12)
-    assert set(found.errors) == {*kept.PARTS, "formula_error", "breadth_error"}
+    assert set(found.errors) == {*kept.ERROR_COLUMNS, "formula_error", "breadth_error"}
     # The hardness rises with severity, load and Poisson's ratio.
     assert at(rms_slope=0.05).ratio < at().ratio < at(rms_slope=0.4).ratio < 3.25
     assert at(mean_pressure=0.1e9).ratio < at().ratio < at(mean_pressure=1e9).ratio
@@ -111,19 +114,19 @@ def test_the_breadth_is_judged_by_ensembles_that_taught_nothing():
     assert (table["claimed"] < 0.051).all()
     assert table[table["first_seed"] == 501]["within"].all()  # of severity 50 and 100
     narrow = at(breadth=2)
-    large = kept.LARGE / 0.25  # over the load
+    large = kept.SIZE_EFFECT / 0.25  # over the load
     flowing = at().severity / (8 + at().severity)
     for breadths in (2, 4, 32, 300, None):  # an unknown one lies anywhere in between
         ends = (2, 300) if breadths is None else (breadths,) * 2
         low, high, beyond = (
-            kept.TREND * flowing * math.log(b)
+            kept.BREADTH_TREND * flowing * math.log(b)
             for b in (ends[0] / 4, ends[1] / 4, ends[1] / 32)
         )
         trend = (low + high) / 2
         parts = (
-            kept.DOUBT * (abs(trend) + large),
+            kept.CORRECTION_ERROR * (abs(trend) + large),
             max(beyond, 0.0),
-            kept.SPECTRA,
+            kept.SPECTRA_ERROR,
             (high - low) / 2,
         )
         found = at(breadth=breadths)
@@ -195,7 +198,7 @@ def test_light_loads_have_an_interval_that_holds_what_j2_bodies_showed():
 
 def test_the_command_prints_what_the_function_finds():
     words = [f"--{name.replace('_', '-')}={value}" for name, value in USUAL.items()]
-    assert invoke("hardness", *words).stdout == f"{at()}\n{at().rests_on}\n"
+    assert invoke("hardness", *words).stdout == f"{at()}\n{at().source}\n"
 
 
 GIVEN = "hardness = 6.0e9"

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import resample
 
 from epcontact.errors import EpcontactError, InvalidScene
-from epcontact.materials.moduli import effective_modulus, of_both
+from epcontact.materials.moduli import combined_material, effective_modulus
 from epcontact.scene import (
     Body,
     Load,
@@ -358,12 +358,14 @@ def test_two_surfaces_touch_as_the_sum_of_their_heights():
 def test_two_bodies_have_the_modulus_of_springs_in_series():
     steel, glass = Material(210e9, 0.3, hardness=2e9), Material(70e9, 0.2)
     half = effective_modulus(steel) / 2
-    assert effective_modulus(of_both(steel, steel)) == pytest.approx(half, rel=1e-15)
+    assert effective_modulus(combined_material(steel, steel)) == pytest.approx(
+        half, rel=1e-15
+    )
     expected = 1 / (0.91 / 210e9 + 0.96 / 70e9)
     for first, second in ((steel, glass), (glass, steel)):
-        assert effective_modulus(of_both(first, second)) == pytest.approx(
+        assert effective_modulus(combined_material(first, second)) == pytest.approx(
             expected, rel=1e-15
         )
-        assert of_both(first, second).hardness == first.hardness
-    rigid = of_both(steel, Material(1e30, 0.0))
+        assert combined_material(first, second).hardness == first.hardness
+    rigid = combined_material(steel, Material(1e30, 0.0))
     assert rigid.young_modulus == pytest.approx(steel.young_modulus, rel=1e-15)

@@ -227,7 +227,7 @@ def hardness(**scene: Any) -> None:
     """
     found = effective_hardness(**scene)
     click.echo(str(found))
-    click.echo(found.rests_on)
+    click.echo(found.source)
 
 
 @click.command()

@@ -1,3 +1,3 @@
-"""Materials in contact: elastic moduli, and the pressure cap that stands for a rough J2
+"""Materials in contact: elastic moduli, and the pressure cap that represents a rough J2
 metal.
 """

@@ -12,19 +12,25 @@ from epcontact.scene import Material
 
 
 def effective_modulus(material: Material) -> float:
-    """The effective modulus E* = E / (1 - nu^2) in Pa, against a rigid counterface."""
+    """Return E* = E / (1 - nu^2) in Pa, of a body against a rigid counterface."""
     return material.young_modulus / (1 - material.poisson_ratio**2)
 
 
-def of_both(material: Material, counterface: Material) -> Material:
-    """The body that has the E* of two half-spaces, and the strengths of the first,
-    which flows.
+def combined_material(material: Material, counterface: Material) -> Material:
+    """Return the body against a rigid counterface that stands for two half-spaces.
+
+    It has the effective modulus of both, 1/E* = sum of (1 - nu^2)/E, and the strengths
+    and Poisson's ratio of the first, which flows.
     """
-    compliance = sum(1 / effective_modulus(body) for body in (material, counterface))
-    return replace(material, young_modulus=(1 - material.poisson_ratio**2) / compliance)
+    compliance = 1 / effective_modulus(material) + 1 / effective_modulus(counterface)
+    young_modulus = (1 - material.poisson_ratio**2) / compliance
+    return replace(material, young_modulus=young_modulus)
 
 
 def oedometric_modulus(material: Material) -> float:
-    """The modulus of uniaxial strain M = E (1 - nu) / ((1 + nu)(1 - 2 nu)) in Pa."""
+    """Return the modulus of uniaxial strain in Pa.
+
+    It is M = E (1 - nu) / ((1 + nu)(1 - 2 nu)).
+    """
     nu = material.poisson_ratio
     return material.young_modulus * (1 - nu) / ((1 + nu) * (1 - 2 * nu))

@@ -108,7 +108,7 @@ def map_of_package(say: Say) -> Charts:
     """
     del say
     table = pd.DataFrame(dict(hardness_map.hardness_map()))
-    not_full = table["area"] <= hardness_map.FULL
+    not_full = table["area"] <= hardness_map.LARGEST_AREA
     table = table[not_full & (table["inverse_hardness"] > 0)]
     inverse = table["inverse_hardness"]
     error = np.hypot(table["scatter"], table["grid_error"])
@@ -121,7 +121,7 @@ def map_of_package(say: Say) -> Charts:
     }
     places = table.assign(**measured, style="marks")
     places["series"] = places["severity"].map("E* xi / sigma_Y = {:g}".format)
-    coordinates = (table[axis].to_numpy() for axis in hardness_map.SYMBOLS)
+    coordinates = (table[axis].to_numpy() for axis in hardness_map.COORDINATES)
     curves = table.assign(style="curve")
     curves[name] = hardness_map.fitted_ratio(*coordinates)
     curves["series"] = curves["severity"].map("{:g}, formula".format)

@@ -73,7 +73,7 @@ def judged(rows):
         spectra.isin(FITTED) & (table["nodes"] == 6) & (table["poisson_ratio"] == 0.3)
     ) & (table["first_seed"] < 400)
     places = table[["breadth", "severity", "load"]].to_numpy()
-    table[["told", "claimed"]] = [kept.by_breadth(*place) for place in places]
+    table[["told", "claimed"]] = [kept.breadth_correction(*place) for place in places]
     off = np.abs(table["change"] - table["told"])
     return table.assign(within=off <= np.hypot(table["claimed"], table["error"]))
 
@@ -94,7 +94,8 @@ def main():
         terms(one) * weight[:, None], one["change"] * weight, rcond=None
     )[0]
     print(
-        f"t {t:.4f} and w {w:.4f} at 6 nodes to the shortest wave; {kept.TREND}, {kept.LARGE} taken"
+        f"t {t:.4f} and w {w:.4f} at 6 nodes to the shortest wave; "
+        f"{kept.BREADTH_TREND}, {kept.SIZE_EFFECT} taken"
     )
     other = table[~table["taught"]]
     columns = [

@@ -29,7 +29,7 @@ from epcontact.crosscheck.model_difference import (
 )
 from epcontact.errors import InvalidCase
 from epcontact.harness.solving.saved import load_saved
-from epcontact.materials.hardness_map import PARTS, fit, terms
+from epcontact.materials.hardness_map import ERROR_COLUMNS, fit_formula, formula_terms
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import FloatArray
 from epcontact.scene import Load
@@ -342,11 +342,12 @@ def _error_of_the_fit(made, shifts):
     at once.
     """
     columns = {name: made[name].to_numpy() for name in made}
-    at = terms(*(columns[name] for name in PLACE))
+    at = formula_terms(*(columns[name] for name in PLACE))
     inverse = columns["inverse_hardness"]
-    ratio = at @ fit(columns)[0]
+    ratio = at @ fit_formula(columns)[0]
     moved = [
-        at @ fit({**columns, "inverse_hardness": inverse + shift.to_numpy()})[0] - ratio
+        at @ fit_formula({**columns, "inverse_hardness": inverse + shift.to_numpy()})[0]
+        - ratio
         for _, shift in shifts.items()
     ]
     return np.asarray(2 * np.sqrt(np.sum(np.square(moved), axis=0)) / ratio)
@@ -357,7 +358,7 @@ def main():
     options = maps.parser("hardness_map").parse_args()
     made, path = make_map(options.size, options.output, options.jobs)
     print(f"{len(made)} places of the map in {path}")
-    for part in PARTS:
+    for part in ERROR_COLUMNS:
         print(f"{part.replace('_', ' ')}: at most {100 * made[part].max():.1f} %")
 
 

@@ -44,7 +44,7 @@ from epcontact.harness.methods.registry import (
 )
 from epcontact.harness.quantities.registry import QUANTITIES, REPORTED_GROUPS
 from epcontact.materials.hardness_map import MappedHardness, effective_hardness
-from epcontact.materials.moduli import of_both
+from epcontact.materials.moduli import combined_material
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import CONDUCTING
 from epcontact.scene import Body, Load, Material, Scene, scene_digest
@@ -357,7 +357,9 @@ class Case(Table):
         body = Material(self.solid.young_modulus, self.solid.poisson_ratio)
         if (other := self.counterface) is None:
             return body
-        return of_both(body, Material(other.young_modulus, other.poisson_ratio))
+        return combined_material(
+            body, Material(other.young_modulus, other.poisson_ratio)
+        )
 
     @property
     def two_bodies(self) -> dict[str, Any]:
@@ -494,7 +496,7 @@ class Case(Table):
     def hardness_source(self) -> str:
         """The effective hardness and what it rests on, or ""."""
         found = self.mapped_hardness
-        return "" if found is None else f"{found}; {found.rests_on}".replace("\n", " ")
+        return "" if found is None else f"{found}; {found.source}".replace("\n", " ")
 
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
