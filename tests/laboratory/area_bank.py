@@ -362,11 +362,11 @@ def without():
         "tips": {"TIP": 0.0},
         "harmonic": {"HARMONIC": 0.0},
         "oblong": {"OBLONG": 0.0},
-        "load": {"_balanced": lambda areas, covariance, *_: (areas, covariance)},
-        "zones": lacking("zone"),
-        "hidden gaps": lacking("squares", "crease"),
-        "doubt": lacking("doubt", "chance"),
-        "claims of kinks": lacking("kinked"),
+        "load": {"_balance": lambda areas, covariance, *_: (areas, covariance)},
+        "zones": lacking("hidden_zone"),
+        "hidden gaps": lacking("gap_squares", "crease_area"),
+        "doubt": lacking("uncertainty", "scatter"),
+        "claims of kinks": lacking("at_kink"),
         "copies": {"copies": lambda pressure: 1},
     }
 

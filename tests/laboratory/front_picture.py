@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from epcontact.bem.areas.front import STIFFNESS
+from epcontact.bem.areas.hidden import STIFFNESS
 from epcontact.studies.areas import Member, roughness
 
 SCENE = Member(

@@ -30,8 +30,16 @@ import numpy as np
 
 from epcontact.bem import Options, solve_pressure
 from epcontact.bem.areas import grid
-from epcontact.bem.areas.front import AXIS_OFFSET, STIFFNESS, Links, locate, relocate
+from epcontact.bem.areas.front import (
+    AXIS_OFFSET,
+    ROWS,
+    TOP,
+    Links,
+    locate,
+    locate_special,
+)
 from epcontact.bem.areas.grid import CORNER, OFFSETS, WIDTHS
+from epcontact.bem.areas.hidden import STIFFNESS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
@@ -113,14 +121,15 @@ def row_period(direction, period):
 
 
 def link_of(v, hardness=math.inf):
-    """The `Links` of six values v, from inside out, where nothing has flowed before, as
-    numbers.
+    """Return the `Links` of six values v, from inside out, as numbers.
+
+    Nothing has flowed before.
     """
-    values, found = (
-        np.append(v, (0.0, hardness, 0.0))[:, None],
-        np.zeros((len(Links._fields), 1)),
-    )
-    for find in (locate, relocate):
+    values = np.zeros((ROWS, 1))
+    values[:6, 0] = v
+    values[TOP, 0] = hardness
+    found = np.zeros((len(Links._fields), 1))
+    for find in (locate, locate_special):
         find(values, 1, hardness, Links(*found))
     return Links(*found[:, 0])
 
@@ -282,7 +291,7 @@ def calibrate_corner(radius=5.0, shifts=24):
     """(cells that a spot lacks by its curvature, standard error)."""
     n = 2 * round(radius / 0.3)
     out = [
-        (exact - sums.area + sums.offset + HARMONIC * sums.harmonic) / sums.turn
+        (exact - sums.area + sums.offset + HARMONIC * sums.offset_cos) / sums.turn
         for sums, exact in spheres((n, n), radius / n, 1, shifts)
     ]
     return float(np.mean(out)), float(np.std(out) / math.sqrt(shifts))
@@ -293,7 +302,7 @@ def calibrate_oblong(aspect=2.0, points=30, shifts=24):
     nx, ny = (2 * round(points * aspect**power) for power in (-0.5, 0.5))
     lacking = offset = 0.0
     for sums, exact in spheres((nx, ny), 0.15, 2, shifts):
-        outward = sums.offset + HARMONIC * sums.harmonic
+        outward = sums.offset + HARMONIC * sums.offset_cos
         lacking += sums.area - outward + CORNER * sums.turn - exact
         offset += sums.offset
     return lacking / offset / math.log(aspect) ** 2
@@ -310,7 +319,7 @@ def released(heights, compliance, load, hardness, after):
 
 
 def calibrate_release(phases=16, points=1 << 15):
-    """By what part of `front.release` straight fronts have come off the edges of
+    """By what part of `front.released_width` straight fronts have come off the edges of
     flattened spots, the mean over directions, positions, strips below .7 dx and loads.
     """
     q, spacing = 2 * np.pi * np.arange(points // 2 + 1) / PERIOD, PERIOD / points
@@ -334,7 +343,7 @@ def calibrate_release(phases=16, points=1 << 15):
                 )
                 sums = grid.sweep(solution, np.array([[0, n, 3, 4]]), OFFSETS)[0, 0]
                 sums = grid.Sums(*sums)
-                area = sums.area - sums.offset - HARMONIC * sums.harmonic
+                area = sums.area - sums.offset - HARMONIC * sums.offset_cos
                 need += weight * (area * length / 2 / n - exact * length / PERIOD)
                 release += weight * sums.released * length / 2 / n
     return float(1 + need / release)

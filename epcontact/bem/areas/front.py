@@ -1,21 +1,34 @@
-"""Where a front is: its place between two grid points, by what is exact for fronts
-along the grid.
+"""Where a front is: its position between two grid points.
 
 Between apart and elastic points the discrete problem on the half-line is solved by a
 Wiener-Hopf factorisation S_- S_+ of the compliance 2/(E* |q|), |q| < pi/dx.  In the
 continuum the pressure times the root of the distance from the front is a polynomial
 q(x) that vanishes at the front.  On the grid the pressure inside is (1/S_+) q and the
-gap outside is -S_- q.  Let x count points from the last in contact outwards, p_0, p_1,
-... be the pressures from there inwards, and g_1, g_2, ... the gaps outwards.  With c =
-pi E*/(2 e dx) and b = Si(pi)/pi, to a common factor,
+gap outside is -S_- q.  Let x count points from the last in contact outwards.  p_0, p_1,
+... are the pressures from there inwards, and g_1, g_2, ... the gaps outwards.  With
+c = pi E*/(2 e dx) and b = Si(pi)/pi, to a common factor,
 
-    q(-2) = p_2 + b p_1 + (b^2/2 + Si(2 pi)/(2 pi)) p_0,  q(-1) = p_1 + b p_0,  q(0) = p_0,
-    q(1) = -c g_1,  q(2) = -c (g_2 - b g_1).
+    q(-2) = p_2 + b p_1 + (b^2/2 + Si(2 pi)/(2 pi)) p_0
+    q(-1) = p_1 + b p_0
+    q(0)  = p_0
+    q(1)  = -c g_1
+    q(2)  = -c (g_2 - b g_1)
 
-The front is AXIS_OFFSET dx short of the root, between 0 and 1, of the cubic through the
-last four, or of the polynomial through those that this contact and this gap have.
-Where q falls at once, beyond an edge of the surface, the parabola through the first
-three has the root, because what is cut away outside a contact does not change it.
+The front is AXIS_OFFSET dx inside the root, between 0 and 1, of the cubic through the
+last four values, or of the polynomial through those that this contact and this gap
+have.
+
+Some fronts are not smooth, and are located by what is known of them:
+
+* At a step of the surface the front is anywhere between the two points: it is pinned.
+* At a kink the gap closes before it reaches the contact; the front is where it closes.
+* Beyond an edge just outside the contact q falls at once.  The parabola through the
+  first three values has the root, because what is cut away outside a contact does not
+  change it.
+* Between two contacts there may be a gap of one point, at the crease of two slopes
+  (`hidden.crease_gap`).
+* At the edge of a spot that flowed under an earlier load, the position is that at the
+  peak load, and goes over to the root of a straight line while the load falls.
 """
 
 from __future__ import annotations
@@ -23,269 +36,285 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
-
-from epcontact.bem.workers import OPTIONS, compiled
+from epcontact.bem.areas.hidden import MIX, crease_gap, inlined
+from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
-#: Offset of a front along an axis, in dx: 1/4 - 1/(2 pi) int_0^{pi/2} (cot t/t - cot^2
-#: t) dt.
+#: Offset of a straight front along an axis, in spacings:
+#: 1/4 - 1/(2 pi) int_0^{pi/2} (cot t/t - cot^2 t) dt.
 AXIS_OFFSET = 0.190009285925947
-#: STIFFNESS is c in E*/dx; MIX is b and INNER the factor of p_0 in q(-2).
-STIFFNESS = math.pi / (2 * math.e)
-MIX, INNER = 0.5894898722360835, 0.3994549881295272
-#: Standard deviation of the place of a front of which only the link is known.
+#: b^2/2 + Si(2 pi)/(2 pi), the factor of p_0 in q(-2).
+INNER = 0.3994549881295272
+#: Standard deviation of a position between two points of which nothing is known.
 ANYWHERE = 1 / math.sqrt(12)
-#: A step is where p - c g changes by this multiple of its changes on both sides (3 to
-#: 12 do).
+#: A step is where v changes by this multiple of its changes on both sides (3 to 12 do).
 STEP = 6.0
-
-#: Compiles a function into its caller: to hand over arrays takes as long as the work.
-inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=False)
+_EULER_GAMMA = 0.577216
+# At an edge, q falls faster outside by this factor, and by STEP times its bend inside.
+_EDGE = 1.25
+# Kinds of links that are not smooth, as bits of a number.
+_STEP = 1
+_KINK = 2
+_CREASE = 4
+_FLOWED = 8
+_EDGED = 16
+#: Rows of the values of a link.  Rows 0 to 5 are v at six points from inside out, of
+#: which the third is the last point inside the front.  FLOWED is whether its third
+#: point (1), or its third and fourth (2), flowed under an earlier load; UNLOADED is the
+#: fraction of the hardness by which the third has unloaded since; TOP is the least v of
+#: a point that is plastic, or was at the peak load; KIND is the kind of the link.
+ROWS = 10
+FLOWED = 6
+UNLOADED = 7
+TOP = 8
+KIND = 9
 
 
 class Links(NamedTuple):
-    """What is found on links (n,) between two points that a front crosses, in
-    spacings.
+    """Fronts on links between two points, each field (n,); lengths are in spacings.
+
+    Attributes:
+        position: of the root of q, from the point inside; 1/2 if the front is pinned.
+        uncertainty: of the position: the shift caused by the polynomial's last term.
+        pinned: 1 if a step or an edge holds the front, at any position; else 0.
+        hidden_width: width of the zone at an edge that is plastic but shows no point.
+        at_kink: 1 at a kink, beside an edge, or beside earlier flow; else 0.
+        unloaded_fraction: pressure that the point inside has lost since it flowed, over
+            the hardness; 0 if the front is not at the edge of a flattened spot.
+        steepening: fraction by which v is steeper than on the link inside; 0 if the
+            pressure does not fall there.
     """
 
-    place: FloatArray  # of the root of q from the point inside; 1/2 where the front is held
-    doubt: FloatArray  # how far out it may be instead: what the polynomial's last term moves it by
-    held: FloatArray  # 1 if a step or an edge holds the front: any place is equally likely
-    zone: FloatArray  # width of the zone at an edge that must be plastic, but shows no point
-    kinked: FloatArray  # 1 at a kink, beside an edge, and beside old flow that is not `fallen`
-    fallen: FloatArray  # what the last point has lost since it flowed, over the hardness, or 0
-    steeper: FloatArray  # by what share v is steeper than on the link inside, or 0 if it is not
+    position: FloatArray
+    uncertainty: FloatArray
+    pinned: FloatArray
+    hidden_width: FloatArray
+    at_kink: FloatArray
+    unloaded_fraction: FloatArray
+    steepening: FloatArray
 
 
-@inner
-def width(u: float) -> float:
-    """Width in the continuum of a strip that is u spacings, at most 1, wide by its
-    gradient.
+@inlined
+def strip_width(width: float) -> float:
+    """Return the width in the continuum of a strip that is narrower than a spacing.
+
+    width: that by its gradient on the grid, hardness/|grad v|, at most 1 spacing.
     """
-    return 4 / math.pi * math.exp(math.e * (1 - 1 / u) - 0.577216)  # Euler's gamma
+    return 4 / math.pi * math.exp(math.e * (1 - 1 / width) - _EULER_GAMMA)
 
 
-@inner
-def release(fallen: float, strip: float) -> float:
-    """How far a front has come off the edge of a flattened spot, in spacings.
+@inlined
+def released_width(unloaded_fraction: float, strip: float) -> float:
+    """Return how far a front has come off the edge of a flattened spot, in spacings.
 
-    fallen: as of `Links`; strip: d, its `width`.  In the continuum the pressure there
-    was H (2/pi) arcsin sqrt(s/d).  A fall takes K/sqrt(s) off, or all of it up to x,
-    where K = fallen sqrt(e)/pi H is the integral over the strip of (2/pi) sqrt(x - a)
-    dp(a).  Both ends are expanded in k = pi K/(H sqrt d).
+    In the continuum the pressure beside the edge was H (2/pi) arcsin sqrt(s/d), with H
+    the hardness and d the width of the `strip`.  A fall of the last pressure by a
+    fraction of H takes K/sqrt(s) off, or all of the pressure up to the new front, at x.
+    K = H sqrt(e)/pi times the fraction is the integral over the strip of (2/pi)
+    sqrt(x - a) dp(a).  Both ends of x are expanded in k = pi K/(H sqrt d).  A narrow
+    strip has the yield zone of Dugdale's crack, x = e/4 times the fraction squared.
     """
-    square = math.e * fallen**2
+    square = math.e * unloaded_fraction**2
     k = math.sqrt(square / max(strip, 1e-300))
     if k < 4 / math.pi:
         return strip * k * (1 - k / 8 - 0.0342 * k * k)
     return strip / 2 + square / 4 + strip**2 / (8 * square)
 
 
-@inner
-def crease(
-    a: float, b: float, centre: float, d: float, e: float
-) -> tuple[float, float]:
-    """(half-width, shift towards b) in spacings of the gap at a kink of the surface, or
-    zeros.
-
-    a to e: p - c g of five points, of which the centre may be apart.  In the continuum
-    p falls to P + k ln s at a kink, and to k arccosh(s/w) beside a gap of half-width w,
-    which is the same far away if w = 2 exp(-P/k).  On the grid p of a kink at a point
-    is P + k (ln .1033, 0.197, 0.664) at 0, 1 and 2 spacings, and that of a kink between
-    two points is the mean of theirs.  A gap at the centre changes p there by c g e/2
-    and beside it by -c g 2 e/pi^2.
-    """
-    if centre < 0:
-        b, d = (
-            b - 2 * math.e / math.pi**2 * centre,
-            d - 2 * math.e / math.pi**2 * centre,
-        )
-        centre *= math.e / 2
-    lean = abs(b - d)
-    k = (b + d - 2 * centre + 2.363 * lean) / 4.935
-    bend = centre + (
-        a - 2 * b if b > d else e - 2 * d
-    )  # -k to -2 k at a kink, positive if smooth
-    if min(b, d) < centre or bend > lean / 2.935 - k:
-        return 0.0, 0.0
-    half = 0.20655 * math.exp((0.841 * lean - centre) / k)
-    return (half, (d - b) / (2.935 * k)) if half < 1 else (0.0, 0.0)
-
-
-@inner
-def wedge(
-    hardness: float, a: float, b: float, centre: float, d: float, e: float
-) -> float:
-    """Width of the plastic ridge of a wedge whose load one point carries, in spacings,
-    or 0.
-
-    a to e: p - c g of five points, of which b and d are plastic and the centre is
-    elastic.  The load has moved b and d by 1.05 and a and e by 1.55 dx p/E*, so that
-    between them both sides have their slopes t, wherever the ridge is; a round crest
-    opens thrice as much there.  The ridge is theta_4(exp(-pi E* t/2H))^2 times as wide
-    as its load at the hardness H.
-    """
-    load = hardness - centre
-    one, other = 0.29 * load + a - b, 0.29 * load + e - d
-    if (
-        one + other > 1.5 * (1.213 * load + b + d - 2 * hardness)
-        or min(one, other) <= 0
-    ):
-        return 0.0
-    nome = math.exp(-math.pi / 2 * math.sqrt(one * other) / (hardness * STIFFNESS))
-    return load / hardness * max(1 - 2 * nome, 0.0) ** 2
-
-
-@inner
-def inside(first: float, before: float, last: float) -> tuple[float, float]:
-    """By how much q falls from the point before to the last one, and how much more than
-    before.
-    """
+@inlined
+def fall_and_bend(first: float, before: float, last: float) -> tuple[float, float]:
+    """Return q(-1) - q(0), and how much more this is than q(-2) - q(-1)."""
     fall = before + (MIX - 1) * last
     return fall, fall - (first + (MIX - 1) * before + (INNER - MIX) * last)
 
 
-@inner
-def vanishes(value: float, fall: float, bend: float) -> float:
-    """Where value - fall x - bend x^2 first vanishes, at most 1."""
+@inlined
+def parabola_root(value: float, fall: float, bend: float) -> float:
+    """Return where value - fall x - bend x^2 first vanishes, at most 1."""
+    if fall <= 0:
+        return 1.0
     root = math.sqrt(max(fall * fall + 4 * bend * value, 0.0))
-    return min(2 * value / (fall + root), 1.0) if fall > 0 else 1.0
+    return min(2 * value / (fall + root), 1.0)
 
 
-@compiled
-def locate(values: FloatArray, count: int, hardness: float, links: Links) -> None:
-    """Find `Links` between the third of six points, which is inside, and the fourth, if
-    smooth.
+@inlined
+def cubic_root(value: float, slope: float, square: float, cube: float) -> float:
+    """Return the root of a cubic between 0 and 1, by two steps of Halley's method.
 
-    values: (9, n), v of `grid` at the six points; flow, 0 where the third has not
-    flowed before, -1 where both have, else 1, by `fallen` more at an edge; the hardness
-    there; what to `relocate`.
+    The cubic is value + slope x + square x^2 + cube x^3, with its values at 0 and 1 of
+    different signs.  Areas are as accurate as with the exact root.
     """
-    place, doubt, held, zone, kinked, fallen, steeper = links
-    for n in range(count):  # without branches, many are found at once
-        first, before, last = values[0, n], values[1, n], values[2, n]
-        out, after, flow, top = values[3, n], values[4, n], values[6, n], values[7, n]
-        elastic, gap = last < top, (after <= 0) & (flow >= 0)
-        mix, contact = (
-            MIX * elastic,
-            (before > 0) & (before < top) if elastic else before >= top,
-        )
-        # Newton's polynomial q0 + x (t1 + (x - 1) (t2 + (x + 1) t3)), less a factor
-        # where a value is missing.
-        q0 = last if elastic else last - top
-        t1 = min(out - q0, -1e-150)  # 0 between a flow and a gap of 0
-        t2 = (t1 + before + (mix - 1) * last) / 2 if contact else 0.0
-        t3 = (
-            ((after - mix * out - q0) / 2 - t1 - t2) * (1 / 3 if contact else 1.0)
-            if gap
-            else 0.0
-        )
-        # What it adds in the middle of the link, and a fifth more beside a lone point.
-        known = t3 * (0.375 if contact else 0.3) if gap else t2 / 4
-        known = min(max(known / t1, -ANYWHERE), ANYWHERE) if contact | gap else ANYWHERE
-        # Where the pressure peaks one point inside, the front may be at a kink there,
-        # so that it is AXIS_OFFSET too far out, unless the cubic through q(-2) differs
-        # less in the middle of the link than the last term is large.
-        drop, curve = inside(first, before, last)
-        other = t2 - (drop - curve / 2 + t1) / 3
-        peak = elastic & contact & gap & (first > 0) & (before > max(first, last))
-        smooth = (not peak) | (abs(t3 - other) <= 8 / 3 * abs(t3))
-        square, cube = (t2, t3) if contact else (t3, 0.0)
-        x, slope = -q0 / t1, t1 - square - cube
-        for _ in range(
-            2
-        ):  # steps of Halley's method: areas err as little as with the exact root
-            value = q0 + x * (slope + x * (square + x * cube))
-            bend = square + 3 * x * cube
-            rate = slope + x * (square + bend)
-            steep = max(rate * rate - value * bend, rate * rate / 2) if rate < 0 else t1
-            x = min(max(x - value * (rate if rate < 0 else 1.0) / steep, 0.0), 1.0)
-        # Where the last point is plastic, q tells how far the front is off the root of
-        # a line in v.
-        place[n] = min(max(x + last / (last - out) + q0 / t1, 0.0), 1.0)
-        doubt[n] = known if smooth else -AXIS_OFFSET
-        held[n], zone[n], kinked[n], fallen[n] = 0.0, 0.0, 0.0, 0.0
-        elastic, fall, deeper = last < hardness, before - last, first - before
-        steeper[n] = (
-            (last - out) / fall - 1 if elastic & (fall > 0) & (deeper > 0) else 0.0
-        )
-        within = (before > 0) & ((fall < 0) | ((first > 0) & (after <= 0)))
-        step = (last - out > STEP * max(fall, out - after)) & (within | (not elastic))
-        kink = elastic & (first > 0) & (-fall > max(-deeper, 0.0))
-        near = elastic & (flow == 0) & (after > 0) & (after < hardness)
-        # Beyond an edge, q at once falls faster, by a quarter and by STEP times its
-        # bend inside.
-        fast = max(last - out, (1 + MIX) * out - after) > 1.25 * drop + STEP * abs(
-            curve
-        )
-        edge = (
-            fast
-            & elastic
-            & contact
-            & gap
-            & (first > 0)
-            & (drop > 0)
-            & (not (step | kink))
-        )
-        values[8, n] = step + 2 * kink + 4 * near + 8 * (flow > 0) + 16 * edge
+    chord = slope + square + cube
+    x = -value / chord
+    for _ in range(2):
+        here = value + x * (slope + x * (square + x * cube))
+        bend = square + 3 * x * cube
+        rate = slope + x * (square + bend)
+        step = here / chord  # if the cubic does not fall here
+        if rate < 0:
+            step = here * rate / max(rate * rate - here * bend, rate * rate / 2)
+        x = min(max(x - step, 0.0), 1.0)
+    return x
 
 
 @compiled
-def relocate(values: FloatArray, count: int, hardness: float, links: Links) -> None:
-    """Find again the `Links` at steps, kinks, gaps of one point, old flow and edges."""
-    place, doubt, held, zone, kinked, fallen, steeper = links
+def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vectors
+    values: FloatArray, count: int, hardness: float, links: Links
+) -> None:
+    """Locate smooth fronts on `count` links, and find the kind of every link.
+
+    values: (ROWS, n) as described at ROWS; its row KIND is written; hardness: the least
+    v of a plastic point.  The loop has no branches, so that the compiler handles
+    several links at once.
+    """
+    (
+        position,
+        uncertainty,
+        pinned,
+        hidden_width,
+        at_kink,
+        unloaded_fraction,
+        steepening,
+    ) = links
     for n in range(count):
-        kind, last, out, flow = (
-            int(values[8, n]),
-            values[2, n],
-            values[3, n],
-            values[6, n],
+        first = values[0, n]
+        before = values[1, n]
+        last = values[2, n]
+        out = values[3, n]
+        after = values[4, n]
+        flowed = values[FLOWED, n]
+        top = values[TOP, n]
+        # Whether two pressures and two gaps are known of this contact and this gap.
+        contact = before >= top
+        mix = 0.0
+        q0 = last - top
+        if last < top:
+            contact = (before > 0) & (before < top)
+            mix = MIX
+            q0 = last
+        gap = (after <= 0) & (flowed < 2)
+        # Newton's polynomial q0 + x (t1 + (x - 1) (t2 + (x + 1) t3)); without q(-1) the
+        # second difference is that of the gap.
+        t1 = min(out - q0, -1e-150)  # 0 between a flow and a gap of 0
+        t2 = t3 = 0.0
+        if contact:
+            t2 = (t1 + before + (mix - 1) * last) / 2
+        if gap:
+            t3 = (after - mix * out - q0) / 2 - t1 - t2
+            if contact:
+                t3 *= 1 / 3
+        square = t2 if contact else t3
+        cube = t3 if contact else 0.0
+        x = cubic_root(q0, t1 - square - cube, square, cube)
+        # Where the last point is plastic, q tells by how much the front is off the root
+        # of a straight line in v.
+        line = last / (last - out)
+        position[n] = min(max(x + line + q0 / t1, 0.0), 1.0)
+        # The shift in the middle of the link if the last term is left out.
+        last_term = t3 * 0.375 if gap else t2 / 4
+        shift = min(max(last_term / t1, -ANYWHERE), ANYWHERE)
+        if not contact | gap:
+            shift = ANYWHERE
+        # Where the pressure peaks one point inside, the front may be at a kink there.
+        # It is then AXIS_OFFSET too far out.  Not so if the cubic through q(-2) agrees
+        # in the middle of the link as well as the last term is small.
+        drop, bend = fall_and_bend(first, before, last)
+        peak = contact & gap & (last < top) & (first > 0) & (before > max(first, last))
+        other_t3 = t2 - (drop - bend / 2 + t1) / 3
+        if peak & (abs(t3 - other_t3) > 8 / 3 * abs(t3)):
+            shift = -AXIS_OFFSET
+        uncertainty[n] = shift
+        pinned[n] = 0.0
+        hidden_width[n] = 0.0
+        at_kink[n] = 0.0
+        unloaded_fraction[n] = 0.0
+        elastic = last < hardness
+        fall = before - last
+        deeper_fall = first - before
+        steeper = elastic & (fall > 0) & (deeper_fall > 0)
+        steepening[n] = (last - out) / fall - 1 if steeper else 0.0
+        # The kind of the link, for `locate_special`.
+        resolved = (before > 0) & ((fall < 0) | ((first > 0) & (after <= 0)))
+        jump = last - out > STEP * max(fall, out - after)
+        step = jump & (resolved | (not elastic))
+        kink = elastic & (first > 0) & (-fall > max(-deeper_fall, 0.0))
+        crease = elastic & (flowed == 0) & (after > 0) & (after < hardness)
+        outer_drop = max(last - out, (1 + MIX) * out - after)
+        smooth = (
+            elastic & contact & gap & (first > 0) & (drop > 0) & (not (step | kink))
         )
+        edge = smooth & (outer_drop > _EDGE * drop + STEP * abs(bend))
+        kind = _STEP * step + _KINK * kink + _CREASE * crease + _EDGED * edge
+        values[KIND, n] = kind + _FLOWED * (flowed == 1)
+
+
+@compiled
+def locate_special(  # noqa: PLR0912, PLR0915 - one kind of link after the other
+    values: FloatArray, count: int, hardness: float, links: Links
+) -> None:
+    """Locate fronts again on the links that are not smooth; see `locate`."""
+    (
+        position,
+        uncertainty,
+        pinned,
+        hidden_width,
+        at_kink,
+        unloaded_fraction,
+        steepening,
+    ) = links
+    for n in range(count):
+        kind = int(values[KIND, n])
         if kind == 0:
             continue
-        step, kink, elastic, line = (
-            kind & 1 > 0,
-            kind & 2 > 0,
-            last < hardness,
-            last / (last - out),
-        )
-        if flow > 1:  # at the peak by the polynomial, far below it by the line
-            fallen[n], steeper[n] = flow - 1, 0.0
-            place[n] += fallen[n] * (line - place[n])
-            doubt[n] *= 1 - fallen[n]
+        first = values[0, n]
+        before = values[1, n]
+        last = values[2, n]
+        out = values[3, n]
+        after = values[4, n]
+        end = values[5, n]
+        line = last / (last - out)
+        if values[UNLOADED, n] > 0:
+            fraction = values[UNLOADED, n]
+            unloaded_fraction[n] = fraction
+            steepening[n] = 0.0
+            position[n] += fraction * (line - position[n])
+            uncertainty[n] *= 1 - fraction
             continue
-        before, after, end = values[1, n], values[4, n], values[5, n]
-        if kind & 4:
-            half, shift = crease(before, last, out, after, end)
-            if half > 0:
-                place[n], doubt[n], kinked[n] = 1 - half - shift + AXIS_OFFSET, 0.0, 1.0
+        if kind & _CREASE:
+            half_width, shift = crease_gap(before, last, out, after, end)
+            if half_width > 0:
+                position[n] = 1 - half_width - shift + AXIS_OFFSET
+                uncertainty[n] = 0.0
+                at_kink[n] = 1.0
                 continue
-        holds, away = step and (place[n] < 0.5 or not elastic), 0.0
-        if (
-            kink and not holds
-        ):  # the gap's parabola (a line without `end`) closes so far from `out`
-            bend = ((-end if end <= 0 else out - 2 * after) + 2 * after - out) / 2
-            away = vanishes(-out, out - after - bend, -bend) if after <= 0 else 1.0
-        if kind & 16:  # an edge
-            fall, bend = inside(values[0, n], before, last)
-            place[n], doubt[n] = (
-                vanishes(last, fall + bend / 2, bend / 2),
-                bend / 2 / fall,
-            )
-            away = place[n]
-        if (
-            step or kink or away >= 1
-        ) and elastic:  # singular, or rising as a logarithm at kinks
-            at_edge = (math.pi / 4 * last / hardness) ** 2
-            zone[n] = (
-                at_edge
-                if step or not kink
-                else 3 ** ((last - hardness) / (last - before))
-            )
-        if holds or away >= 1:
-            place[n], doubt[n], held[n] = 0.5, 0.0, 1.0
+        elastic = last < hardness
+        step = kind & _STEP > 0
+        kink = kind & _KINK > 0
+        edge = kind & _EDGED > 0
+        holds = step and (position[n] < 0.5 or not elastic)
+        closes = 0.0  # where the gap closes, from the point outside, or the edge is
+        if kink and not holds:
+            closes = 1.0
+            if after <= 0:
+                far_gap = -end if end <= 0 else out - 2 * after
+                bend = (far_gap + 2 * after - out) / 2
+                closes = parabola_root(-out, out - after - bend, -bend)
+        if edge:
+            fall, bend = fall_and_bend(first, before, last)
+            position[n] = parabola_root(last, fall + bend / 2, bend / 2)
+            uncertainty[n] = bend / 2 / fall
+            closes = position[n]
+        if elastic and (step or kink or closes >= 1):
+            # The pressure is singular at an edge, and rises as a logarithm at a kink.
+            hidden_width[n] = (math.pi / 4 * last / hardness) ** 2
+            if kink and not step:
+                hidden_width[n] = 3 ** ((last - hardness) / (last - before))
+        if holds or closes >= 1:
+            position[n] = 0.5
+            uncertainty[n] = 0.0
+            pinned[n] = 1.0
             continue
         if kink:
-            place[n] = min(max(1 - away + AXIS_OFFSET * (1 - line), 0.0), 1.0)
-        kinked[n] = 1.0 if kind & 18 or flow > 0 else 0.0
+            position[n] = min(max(1 - closes + AXIS_OFFSET * (1 - line), 0.0), 1.0)
+        if kink or edge or kind & _FLOWED:
+            at_kink[n] = 1.0

@@ -1,14 +1,24 @@
 """What the fronts of a contact on a periodic grid enclose: sums over its cells.
 
 All that is needed of a point is v = p - c g: at most 0 where apart, at least the
-hardness where plastic; c is that of `front` for links along x and, on oblong cells, for
-those along y.  A front crosses links between neighbouring points, where `front` locates
-it, and straight segments between the two crossings of a cell bound the area.
+hardness where plastic.  c is STIFFNESS E*/dx for links along x and, on oblong cells,
+STIFFNESS E*/dy for links along y; so oblong cells have two layers of v.  A front
+crosses links between neighbouring points, where `front` locates it.  Straight segments
+between the two crossings of a cell bound the area.
 
 Front 0 bounds the contact.  Front 1 bounds its plastic part: it is the front 0 of the
 mirror image, hardness - v, in which plastic points are apart.  A cell is named after
 its last corner, point (i, j).  Its corners 0 to 3 are (i - 1, j - 1), (i, j - 1), (i,
-j) and (i - 1, j), and side k runs from corner k to the next.
+j) and (i - 1, j), and its side k runs from corner k to the next.
+
+For each block of cells and each front there are five passes:
+
+1. `_list_cells` lists the cells that the front crosses and the elastic points;
+2. `_number_links` numbers the links that the front crosses, so that neighbouring cells
+   share a link, and copies the six values of v around each;
+3. `front.locate` and `front.locate_special` find the positions on the links;
+4. `_add_segments` adds the segments in the cells, and narrow tips, to the sums;
+5. `_add_hidden` adds what elastic points may hide.
 """
 
 from __future__ import annotations
@@ -20,421 +30,603 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.bem.areas.front import (
+    FLOWED,
+    ROWS,
+    TOP,
+    UNLOADED,
     Links,
-    crease,
-    inner,
     locate,
-    release,
-    relocate,
-    wedge,
-    width,
+    locate_special,
+    released_width,
+    strip_width,
 )
+from epcontact.bem.areas.hidden import crease_gap, inlined, wedge_width
 from epcontact.bem.workers import compiled
 from epcontact.results import FloatArray
 
 #: Width of the elastic strip beside a front, in spacings, and the offset of a located
-#: front there (`rim.calibrate_strips`); the last is that of a front alone
-#: (`rim.calibrate_directions`).
+#: front there (`laboratory.rim.calibrate_strips`).  The last offset is that of a front
+#: alone (`calibrate_directions`).
 WIDTHS = np.array([0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.65, 2.2])
 OFFSETS = np.array(
     [0, 0.072, 0.1367, 0.1913, 0.22, 0.2244, 0.2164, 0.1981, 0.1753, 0.1706, 0.1786]
 )
-#: Along a crease and from copy to copy pressures change by less than this share
-#: (`area_bank`).
+#: Along a crease, and from copy to copy, pressures change by less than this fraction of
+#: their change across the crease, or of their range (chosen on `laboratory.area_bank`).
 ALIKE = 0.2
-#: Cells that a spot lacks because its front is curved (`rim.calibrate_corner`).
+#: Cells that a spot lacks because its front is curved (`calibrate_corner`).
 CORNER = 0.6
-#: Standard deviation of the place of strips narrower than a spacing (chosen on
-#: `area_bank`).
+#: Standard deviation, in spacings, of the position of strips narrower than a spacing
+#: (chosen on `laboratory.area_bank`).
 NARROW = 0.22
-#: Points around the cells of a block that are read, too; entries for a spacing in the
-#: offsets.
-PAD, FINE = 4, 500
-#: By the sum of 2^k over the corners inside: the one that is cut off, or the first of
-#: two.
+#: Points around the cells of a block that are read, too.
+PAD = 4
+_FINE = 500  # entries for a spacing in the interpolated table of offsets
+# The corner that a front cuts off, or the first of two on the same side of it, by the
+# sum of 2^k over the corners k inside.
 _CUT = np.array([0, 0, 1, 0, 2, 0, 1, 3, 3, 1, 1, 2, 0, 1, 0, 0])
+# Bits of a cell's code: 2^k for each corner k on the other side of the front than the
+# last corner, one where that corner is elastic, and one for cells before the block,
+# which share links with its cells.
+_CORNERS = 15
+_ELASTIC = 16
+_BEFORE = 32
 
 
 class Solution(NamedTuple):
-    """A solution on a periodic grid."""
+    """A solution on a periodic grid.
 
-    pressure: FloatArray  # (nx, ny)
-    gap: FloatArray  # (nx, ny)
-    hardness: float  # the least pressure of a plastic point
-    stiffness: tuple[float, float]  # c of `front` for links along x and along y
-    flowed: (
-        FloatArray  # (nx, ny) what earlier flow has lowered the surface by, or (0, 0)
-    )
-    yielded: float  # the hardness of that flow
+    Attributes:
+        pressure, gap: (nx, ny) in Pa and m.
+        hardness: least pressure of a plastic point, in Pa; infinite if none can be.
+        stiffness: c for links along x and along y, in Pa/m.
+        earlier_flow: (nx, ny) plastic displacement of earlier loads in m; (0, 0) if
+            there was none.
+        earlier_hardness: hardness of that flow in Pa.
+    """
+
+    pressure: FloatArray
+    gap: FloatArray
+    hardness: float
+    stiffness: tuple[float, float]
+    earlier_flow: FloatArray
+    earlier_hardness: float
 
 
 class Sums(NamedTuple):
-    """Sums over the fronts around the contact and around its plastic part: (..., 2
-    fronts).
+    """Sums over the fronts around the contact and around its plastic part: (..., 2).
 
-    Lengths are in spacings; "free" ones are not held by an edge of the surface.  Where
-    the elastic strip beside a front is u = hardness/|grad v| < 1 spacings wide, the two
-    fronts move together, and only a share u^2 of the length counts as this front's own.
+    Lengths are in spacings and areas in cells.  "Free" lengths are not held by an edge
+    of the surface.  Where the elastic strip beside a front is u = hardness/|grad v| < 1
+    spacings wide, the two fronts move together, and only the fraction u^2 of the length
+    counts as this front's own.
+
+    Attributes:
+        points: points inside the front.
+        tips: narrow tips, weighted (`_tip`).
+        gap_squares: squares of gaps that no point shows (`_add_hidden`).
+        crease_area: area of gaps at creases that no point shows.
+        area: area inside the located front.
+        offset: free length times the offset for the width of the strip there.
+        offset_cos, offset_sin: the same times cos 4 theta and sin 4 theta, with theta
+            the direction of the front.
+        turn: a quarter for each corner cut off; for a closed front its Euler number.
+        hidden_zone: length times the width of the plastic zone hidden at edges.
+        released: length times the width that has come off flattened spots.
+        length: own length.
+        shared: length that is not its own.
+        pinned: own length held by edges.
+        at_kink: own length at kinks.
+        uncertainty: own free length times the uncertainty of the position.
+        scatter: own free length times the variance of the position.
     """
 
-    points: FloatArray  # inside the front
-    tips: FloatArray  # of `_tip`
-    squares: FloatArray  # of `_hidden`
-    crease: FloatArray  # of `_hidden`
-    area: FloatArray  # inside the located front, in cells
-    offset: FloatArray  # free length times the offset at the strip's width there
-    harmonic: FloatArray  # the offset times cos 4 theta
-    turn: FloatArray  # a quarter for each corner cut off: over a whole front its Euler number
-    zone: FloatArray  # length times the width of the zone hidden at edges
-    released: FloatArray  # length times the width that has come off flattened spots
-    length: FloatArray  # own
-    shared: FloatArray  # the rest of it
-    held: FloatArray  # own length at edges
-    kinked: FloatArray  # own length that is `kinked`
-    sine: FloatArray  # the offset times sin 4 theta
-    doubt: FloatArray  # own free length times the doubt of `front`
-    chance: FloatArray  # and times its square
+    points: FloatArray
+    tips: FloatArray
+    gap_squares: FloatArray
+    crease_area: FloatArray
+    area: FloatArray
+    offset: FloatArray
+    offset_cos: FloatArray
+    offset_sin: FloatArray
+    turn: FloatArray
+    hidden_zone: FloatArray
+    released: FloatArray
+    length: FloatArray
+    shared: FloatArray
+    pinned: FloatArray
+    at_kink: FloatArray
+    uncertainty: FloatArray
+    scatter: FloatArray
+
+
+class _Grid(NamedTuple):
+    """The points of a block and PAD more on each side, row by row.
+
+    Attributes:
+        unit, columns, layer: steps to the next point, to the next row, and from v for
+            links along x to v for links along y.
+        v: (layers * points,) p - c g.
+        state: (points,) 0 where apart, 1 where elastic, 2 where plastic.
+        lowered: c times the earlier flow, as v; of size 0 if there was none.
+    """
+
+    unit: np.uint64
+    columns: np.uint64
+    layer: np.uint64
+    v: FloatArray
+    state: NDArray[np.uint8]
+    lowered: FloatArray
+
+
+class _Cells(NamedTuple):
+    """The cells of a block, whose numbers are those of their last corners.
+
+    Attributes:
+        codes: (points,) code of each cell, as described at _CORNERS.
+        words: the same, eight codes at once.
+        crossed: numbers of the cells that the front crosses.
+        elastic: numbers of the elastic points.
+        link_x, link_y: (points,) number of the link from the last corner to the point
+            before it along x and along y, if the front crosses it.
+    """
+
+    codes: NDArray[np.uint8]
+    words: NDArray[np.uint64]
+    crossed: NDArray[np.uint32]
+    elastic: NDArray[np.uint32]
+    link_x: NDArray[np.uint32]
+    link_y: NDArray[np.uint32]
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
-    """The `Sums` (n, 2) over blocks (n, 4), first row, row after the last, and so the
-    columns, of the cells of a periodic grid; offsets: at WIDTHS.
+    """Return the sums over blocks of cells of a periodic grid.
+
+    Args:
+        solution: pressure and gap on the grid.
+        blocks: (n, 4) first row, row after the last, first column, column after the
+            last of each block.
+        offsets: of a front in spacings, at WIDTHS.
+
+    Returns:
+        (n, 2) records of the fields of `Sums`.
     """
-    sizes, layers = blocks[:, 1::2] - blocks[:, ::2], len({*solution.stiffness})
-    rows, columns = (sizes.max(axis=0) + 2 * PAD + (0, 7)) // (1, 8) * (1, 8)
-    points, record = rows * columns, [(name, float) for name in Sums._fields]
-    # Of the points of a block, and PAD more on each side, row by row: the steps to the
-    # next point and row, and from v along x to v along y, if it differs; 0 where apart,
-    # 1 where elastic, 2 where plastic; c times the flow before, as v is.
-    steps = np.uint64(1), np.uint64(columns), np.uint64((layers - 1) * points)
-    v, sunk = (
+    sizes = blocks[:, 1::2] - blocks[:, ::2]
+    layers = len({*solution.stiffness})
+    rows, columns = sizes.max(axis=0) + 2 * PAD
+    columns = -(-columns // 8) * 8  # whole words of codes
+    points = rows * columns
+    has_flowed = solution.earlier_flow.size > 0
+    grid = _Grid(
+        np.uint64(1),
+        np.uint64(columns),
+        np.uint64((layers - 1) * points),
         np.zeros(layers * points),
-        np.zeros(layers * points if solution.flowed.size else 0),
+        np.zeros(points, np.uint8),
+        np.zeros(layers * points if has_flowed else 0),
     )
-    (state, codes), found = (
-        np.zeros((2, points), np.uint8),
-        np.zeros((len(blocks), 2), record),
-    )
-    # Of cells: 2^k for corners on the other side of the front than the last, 16 where
-    # elastic, and the same of eight at once; those that a front crosses, and the links
-    # on their sides; elastic.
-    (cells, elastic), sides = (
-        np.empty((2, points), np.uint32),
-        np.empty((4, points), np.uint32),
-    )
-    # Of as many links at a time, for two rows at least: the first of six points, the
-    # way on, what `locate` takes and finds; the last one along y in each column.
-    room, above = points // 8 + 4 * columns, np.empty(columns, np.uint32)
-    (starts, ways), values = np.empty((2, room), np.int32), np.empty((9, room))
-    located = Links(*np.empty((len(Links._fields), room)))
-    lists = codes, codes.view(np.uint64), cells, elastic, sides, above, starts, ways
-    grid, fronts = (steps, v, state, sunk), (codes, cells, sides, located)
-    hardness, caps = solution.hardness, (solution.hardness, solution.yielded)
-    table = np.interp(np.arange(round(WIDTHS[-1] * FINE) + 1) / FINE, WIDTHS, offsets)
-    for place, both in zip(blocks, found, strict=True):
-        _fill(grid, solution, place)
+    codes = np.zeros(points, np.uint8)
+    numbers = np.empty((4, points), np.uint32)
+    cells = _Cells(codes, codes.view(np.uint64), *numbers)
+    # Two links for each point at most; memory that is not used takes none.
+    values = np.empty((ROWS, 2 * points))
+    links = Links(*np.empty((len(Links._fields), 2 * points)))
+    entries = np.arange(round(WIDTHS[-1] * _FINE) + 1) / _FINE
+    table = np.interp(entries, WIDTHS, offsets)
+    hardness = solution.hardness
+    limits = (hardness, solution.earlier_hardness)
+    found = np.zeros((len(blocks), 2), [(name, float) for name in Sums._fields])
+    for block, sums in zip(blocks, found, strict=True):
+        _fill(grid, solution, block)
         for front in range(2 if hardness < np.inf else 1):
-            if front:  # the mirror image, which has not flowed before
-                np.subtract(hardness, v, v)
-                np.subtract(2, state, state)
-                sunk[:] = 0.0
-            sums, row = both[front : front + 1], PAD
-            while row < PAD + place[1] - place[0]:  # as many as memory has links for
-                inside, crossed, count, links, row = _number(
-                    grid, lists, values, place, row, caps
-                )
-                sums["points"] += inside
-                locate(values, links, hardness, located)
-                relocate(values, links, hardness, located)
-                _segments(grid, fronts, crossed, caps, table, sums)
-                _hidden(grid, elastic, count, hardness, sums)
+            if front == 1:  # the mirror image, which has not flowed before
+                np.subtract(hardness, grid.v, grid.v)
+                np.subtract(2, grid.state, grid.state)
+                grid.lowered[:] = 0.0
+            of_front = sums[front : front + 1]
+            inside, crossed, elastic = _list_cells(grid, cells, block)
+            of_front["points"] = inside
+            count = _number_links(grid, cells, crossed, limits, values)
+            locate(values, count, hardness, links)
+            locate_special(values, count, hardness, links)
+            _add_segments(grid, cells, crossed, links, limits, table, of_front)
+            _add_hidden(grid, cells.elastic, elastic, hardness, of_front)
     if hardness < np.inf:  # inside the plastic front is outside its mirror image
         found["points"][:, 1] = sizes.prod(axis=1) - found["points"][:, 1]
-        found["area"][:, 1], found["turn"][:, 1] = (
-            -found["area"][:, 1],
-            -found["turn"][:, 1],
-        )
+        found["area"][:, 1] *= -1
+        found["turn"][:, 1] *= -1
     found["area"] += found["points"]
     return found
 
 
 @compiled
-def _fill(grid: Any, solution: Solution, place: NDArray[np.int64]) -> None:
-    """Fill the memory with the points of a block."""
-    (pressure, gap, top, stiffness, flowed, _), (first, last, left, right) = (
-        solution,
-        place,
-    )
-    (steps, v, state, sunk), (nx, ny) = grid, pressure.shape
+def _fill(grid: Any, solution: Solution, block: NDArray[np.int64]) -> None:
+    """Fill the grid with the points of a block."""
+    pressure, gap, hardness, stiffness, flow, _ = solution
+    first, last, left, right = block
+    nx, ny = pressure.shape
+    points = len(grid.state)
+    wide = right - left + 2 * PAD
     for i in range(last - first + 2 * PAD):
-        row, done, wide = (first - PAD + i) % nx, 0, right - left + 2 * PAD
+        row = (first - PAD + i) % nx
+        done = 0
         while done < wide:  # from one end of the period to the next
-            start, at = (left - PAD + done) % ny, i * np.int64(steps[1]) + done
+            start = (left - PAD + done) % ny
             stop = min(ny, start + wide - done)
-            p, g, states = pressure[row, start:stop], gap[row, start:stop], state[at:]
-            for layer in range(len(v) // len(state)):
-                c, values = stiffness[layer], v[layer * len(state) + at :]
+            at = i * np.int64(grid.columns) + done
+            p = pressure[row, start:stop]
+            g = gap[row, start:stop]
+            state = grid.state[at:]
+            for layer in range(len(grid.v) // points):
+                c = stiffness[layer]
+                v = grid.v[layer * points + at :]
                 for j in range(stop - start):
-                    depth = (
-                        max(g[j], 0.0)
-                        if p[j] <= 0
-                        else min(g[j], 0.0)
-                        if p[j] >= top
-                        else 0.0
-                    )
-                    values[j] = min(max(p[j], 0.0), top) - c * depth
-                    states[j] = (p[j] > 0) + (p[j] >= top)
-                for j in range(
-                    stop - start if flowed.size else 0
-                ):  # not of what flows again
-                    sunk[layer * len(state) + at + j] = (
-                        c * flowed[row, start + j] * (p[j] < top)
-                    )
+                    depth = 0.0
+                    if p[j] <= 0:
+                        depth = max(g[j], 0.0)
+                    elif p[j] >= hardness:
+                        depth = min(g[j], 0.0)
+                    v[j] = min(max(p[j], 0.0), hardness) - c * depth
+                    state[j] = (p[j] > 0) + (p[j] >= hardness)
+                if flow.size:
+                    lowered = grid.lowered[layer * points + at :]
+                    for j in range(stop - start):  # not of what flows again
+                        lowered[j] = c * flow[row, start + j] * (p[j] < hardness)
             done += stop - start
 
 
 @compiled
-def _number(
-    grid: Any, lists: Any, values: Any, place: Any, begun: int, caps: Any
-) -> Any:
-    """Number crossed cells, elastic points and links, and gather what `locate` needs of
-    these.
+def _list_cells(
+    grid: Any, cells: Any, block: NDArray[np.int64]
+) -> tuple[int, int, int]:
+    """List the cells that the front crosses and the elastic points of a block.
+
+    The cells include a row and a column before the block.  Returns the numbers of
+    points inside the front, of crossed cells and of elastic points.
     """
-    codes, eights, cells, elastic, sides, above, starts, ways = lists
-    (steps, v, state, sunk), (first, last, left, right), columns = (
-        grid,
-        place,
-        len(above),
-    )
-    inside, crossed, count, links = 0, 0, 0, 0
-    for i in range(begun - 1, last - first + PAD):  # from the row before, for its links
-        row, old, kept = i * columns, crossed, int(i >= begun)
-        if links + 2 * columns > len(ways):
-            break
-        begin, end, begun = row + PAD - 1, row + PAD + right - left, max(begun, i + 1)
-        a, b, code = state[begin - columns - 1 :], state[begin - 1 :], codes[begin:end]
-        c, d = state[begin:], state[begin - columns :]
-        for j in range(len(code)):  # of slices, the compiler makes loops over vectors
-            here = c[j] > 0
+    first, last, left, right = block
+    columns = np.int64(grid.columns)
+    inside = crossed = elastic = 0
+    for i in range(PAD - 1, PAD + last - first):
+        row = i * columns
+        start = row + PAD - 1
+        stop = row + PAD + right - left
+        # Of slices, the compiler makes loops over vectors.
+        code = cells.codes[start:stop]
+        corner_0 = grid.state[start - columns - 1 :]
+        corner_1 = grid.state[start - 1 :]
+        corner_2 = grid.state[start:]
+        corner_3 = grid.state[start - columns :]
+        before = _BEFORE * (i < PAD)
+        for j in range(len(code)):
+            is_inside = corner_2[j] > 0
             corners = (
-                (a[j] > 0) ^ here | ((b[j] > 0) ^ here) << 1 | ((d[j] > 0) ^ here) << 3
+                (corner_0[j] > 0) ^ is_inside
+                | ((corner_1[j] > 0) ^ is_inside) << 1
+                | ((corner_3[j] > 0) ^ is_inside) << 3
             )
-            code[j] = corners | (c[j] & 1) << 4
-        for j in range(1, len(code)):
-            inside += c[j] > 0
-        codes[end : row + columns], code[0] = 0, code[0] & 15
-        for eight in range(row // 8, (row + columns) // 8):
-            if eights[eight]:
-                for k in range(
-                    8 * eight, 8 * eight + 8
-                ):  # without branches, hard to foresee
-                    cells[np.uint64(crossed)], elastic[np.uint64(count)] = k, k
-                    crossed += codes[k] & 15 > 0
-                    count += codes[k] >> 4
-        for m in range(old, crossed):
-            point, column = np.int64(cells[m]), np.uint64(cells[m] - np.uint64(row))
-            sides[0, m], sides[3, m] = sides[2, m - 1], above[column]
-            for y in range(2):
-                link, way = np.uint64(links), 1 if y else columns
-                starts[link] = (
-                    point + np.int64(steps[2]) * y + (2 if state[point] else -3) * way
-                )
-                ways[link], sides[2 - y, m] = -way if state[point] else way, link
-                links += codes[point] >> (3 - 2 * y) & 1
-            above[column] = sides[1, m]
-        codes[begin] = 0
-        inside, crossed, count = kept * inside, kept * crossed, kept * count
-    for n in range(links):
-        for k in range(6):
-            values[k, n] = v[np.uint64(starts[n] + k * ways[n])]
-        values[6, n], values[7, n] = 0.0, caps[0]
-        if len(sunk):
-            _recall(values[:, n], sunk, starts[n], ways[n], caps[1])
-    return inside, crossed, count, links, begun
-
-
-@inner
-def _recall(link: Any, sunk: FloatArray, start: Any, way: Any, top: float) -> None:
-    """Tell a link of earlier flow; in a strip and at an edge, v becomes that of the
-    peak load.
-    """
-    last, out = sunk[start + 2 * way], sunk[start + 3 * way]
-    edge = last > 0 == out and (1 - NARROW) * (link[2] + last - link[3]) > top
-    fall = top - link[2] if edge else 0.0
-    link[6] = 0.0 if last == 0 else -1.0 if out > 0 else 1 + fall / top
-    for j in range(6 if out == 0 and (edge or last == 0) else 0):
-        lost = sunk[start + j * way] if j < 3 else 0.0
-        link[j] += fall + lost
-        link[7] = min(link[7], top, link[j]) if lost > 0 else link[7]
+            code[j] = corners | (corner_2[j] & 1) << 4 | before
+        code[0] |= _BEFORE
+        cells.codes[stop : row + columns] = 0
+        if not before:
+            for j in range(1, len(code)):
+                inside += corner_2[j] > 0
+        for word in range(row // 8, (row + columns) // 8):
+            if cells.words[word]:
+                # Without branches, which the processor could not foresee.
+                for k in range(8 * word, 8 * word + 8):
+                    cells.crossed[np.uint64(crossed)] = k
+                    cells.elastic[np.uint64(elastic)] = k
+                    crossed += cells.codes[k] & _CORNERS > 0
+                    elastic += cells.codes[k] & (_ELASTIC | _BEFORE) == _ELASTIC
+    return inside, crossed, elastic
 
 
 @compiled
-def _segments(  # noqa: PLR0915
-    grid: Any, fronts: Any, count: int, caps: Any, offsets: Any, out: Any
+def _number_links(
+    grid: Any, cells: Any, count: int, limits: tuple[float, float], values: Any
+) -> int:
+    """Number the links of `count` crossed cells, and return how many there are.
+
+    limits: hardness, and that of earlier flow; values: filled with what `front.locate`
+    needs of each link, see its ROWS.
+    """
+    columns = np.int64(grid.columns)
+    layer = np.int64(grid.layer)
+    links = 0
+    for cell in cells.crossed[:count]:
+        point = np.int64(cell)
+        code = cells.codes[point]
+        if code & 8:  # corner 3 is on the other side
+            cells.link_x[point] = links
+            _copy_link(grid, point, columns, point, limits, values, links)
+            links += 1
+        if code & 2:  # corner 1 is on the other side
+            cells.link_y[point] = links
+            _copy_link(grid, point, 1, point + layer, limits, values, links)
+            links += 1
+    return links
+
+
+@inlined
+def _copy_link(
+    grid: Any,
+    point: int,
+    step: int,
+    at: int,
+    limits: tuple[float, float],
+    values: Any,
+    link: int,
 ) -> None:
-    """Add the segments of a front in cells that it crosses, and tips, to the `Sums`."""
-    ((unit, columns, shift), v, state, sunk), (codes, cells, sides, links) = (
-        grid,
-        fronts,
-    )
-    place, doubts, holds, zones, kinks, falls, steeper = links
-    (hardness, top), sums = caps, out[0]
+    """Copy what `front.locate` needs of a link.
+
+    point: number of its later end along the axis; step: from point to point along it;
+    at: place of this point in v.
+    """
+    hardness, earlier_hardness = limits
+    if grid.state[point] > 0:
+        start = at + 2 * step
+        step = -step
+    else:
+        start = at - 3 * step
+    for j in range(6):
+        values[j, link] = grid.v[np.uint64(start + j * step)]
+    values[FLOWED, link] = 0.0
+    values[UNLOADED, link] = 0.0
+    values[TOP, link] = hardness
+    if len(grid.lowered):
+        _restore_peak(values[:, link], grid.lowered, start, step, earlier_hardness)
+
+
+@inlined
+def _restore_peak(
+    link: Any, lowered: FloatArray, start: Any, step: Any, hardness: float
+) -> None:
+    """Say how a link has flowed before, and restore v at the peak load where it shows.
+
+    At the edge of a flattened spot the pressure falls from the hardness to 0 within
+    less than a spacing.  Unloading takes as much from both sides of it, so v at the
+    peak is found.
+    """
+    last = lowered[start + 2 * step]
+    out = lowered[start + 3 * step]
+    if out > 0:
+        link[FLOWED] = 2.0 if last > 0 else 0.0
+        return
+    fall = 0.0
+    if last > 0:
+        link[FLOWED] = 1.0
+        if (1 - NARROW) * (link[2] + last - link[3]) <= hardness:
+            return  # not an edge
+        fall = hardness - link[2]
+        link[UNLOADED] = fall / hardness
+    for j in range(6):
+        link[j] += fall
+        if j < 3 and lowered[start + j * step] > 0:
+            link[j] += lowered[start + j * step]
+            link[TOP] = min(link[TOP], hardness, link[j])
+
+
+@compiled
+def _add_segments(  # noqa: PLR0915 - many sums over the same segment
+    grid: Any,
+    cells: Any,
+    count: int,
+    links: Links,
+    limits: tuple[float, float],
+    offsets: FloatArray,
+    out: Any,
+) -> None:
+    """Add the segments of a front in `count` crossed cells, and tips, to the sums.
+
+    limits: hardness, and that of earlier flow; offsets: by the width of the strip
+    beside the front, _FINE for a spacing; out: (1,) record of the sums.
+    """
+    hardness, earlier_hardness = limits
+    (
+        position,
+        uncertainty,
+        pinned,
+        hidden_width,
+        at_kink,
+        unloaded_fraction,
+        steepening,
+    ) = links
+    sums = out[0]
     for m in range(count):
-        k, q = np.uint64(cells[m]), np.uint64(cells[m]) + shift
-        is_point, code = int(state[k] > 0), int(codes[k]) & 15
-        if code == 0:  # before the block
+        k = np.uint64(cells.crossed[m])
+        code = int(cells.codes[k])
+        if code & _BEFORE:
             continue
-        code ^= 15 * is_point
-        cut, saddle, straight = _CUT[code], int(code % 5 == 0), int(code % 3 == 0)
-        a, b, c, d = v[k - columns - unit], v[k - unit], v[k], v[k - columns]
-        e, f, g, h = v[q - columns - unit], v[q - unit], v[q], v[q - columns]
-        cut ^= saddle & int(
-            a + b + c + d + e + f + g + h > 0
-        )  # the inside is connected
-        dx, dy = (b + c - a - d) / 2, (g + h - e - f) / 2
-        inverse = 1 / max(dx * dx + dy * dy, 1e-300)
-        product, flat = dx * dy * inverse, math.sqrt(inverse)
-        sin4, cos4 = (
-            4 * product * (dx - dy) * (dx + dy) * inverse,
-            1 - 8 * product * product,
+        code &= _CORNERS
+        last_inside = int(grid.state[k] > 0)
+        if last_inside:
+            code ^= _CORNERS  # now 2^k for each corner inside
+        cut = _CUT[code]
+        straight = code % 3 == 0  # two corners beside each other are inside
+        saddle = code % 5 == 0  # two corners opposite each other are inside
+        slope_x, slope_y, centre = _gradient(grid, grid.v, k)
+        if saddle and centre > 0:  # the inside is connected
+            cut ^= 1
+        flatness = 1 / max(slope_x * slope_x + slope_y * slope_y, 1e-300)
+        product = slope_x * slope_y * flatness
+        cos4 = 1 - 8 * product * product
+        sin4 = 4 * product * (slope_x - slope_y) * (slope_x + slope_y) * flatness
+        steepness = math.sqrt(flatness)
+        own_fraction = min(hardness * steepness, 1.0) ** 2
+        width = earlier_hardness * steepness
+        peak_strip = 0.0
+        if len(grid.lowered):
+            width = _peak_width(grid, k, slope_x, slope_y, earlier_hardness, width)
+            peak_strip = strip_width(min(width, 1.0))
+        sides = (
+            cells.link_x[k - grid.unit],
+            cells.link_y[k],
+            cells.link_x[k],
+            cells.link_y[k - grid.columns],
         )
-        narrow, u, strip = min(hardness * flat, 1.0) ** 2, top * flat, 0.0
-        if len(sunk):
-            a, b, c, d = (
-                sunk[k - columns - unit],
-                sunk[k - unit],
-                sunk[k],
-                sunk[k - columns],
-            )
-            if max(a, b, c, d) > 0:
-                dx += (b + c - a - d) / 2  # the gradient at the peak load
-                dy += (
-                    sunk[q]
-                    + sunk[q - columns]
-                    - sunk[q - unit]
-                    - sunk[q - columns - unit]
-                ) / 2
-                u = top / max(math.hypot(dx, dy), 1e-150)
-                u = (
-                    np.inf if min(a, b, c, d) > 0 else u
-                )  # in a flattened spot nothing moves along
-                strip = width(min(u, 1.0))
-        is_inside, sign = (code >> cut) & 1, 2.0 * ((code >> cut) & 1) - 1
-        sums.area += 1 - is_inside - is_point  # which was counted as a point
-        for corner in range(cut, cut + 1 + 2 * saddle, 2):
-            one = np.uint64(sides[(corner + straight) & 3, m])
-            other, away = np.uint64(sides[(corner + 3) & 3, m]), 0.0
-            x, y = (
-                1 - is_inside + sign * place[one],
-                1 - is_inside + sign * place[other],
-            )
-            held, doubt = (
-                (holds[one] + holds[other]) / 2,
-                (doubts[one] + doubts[other]) / 2,
-            )
-            if len(sunk) and max(falls[one], falls[other]) > 0:
-                back, gone = release(falls[one], strip), release(falls[other], strip)
-                x, y, away = x - sign * back, y - sign * gone, (back + gone) / 2
-            length = math.sqrt(x * x + y * y + straight * (1 - 2 * x * y))
-            sums.area += sign * (x * y + straight * (x + y - x * y)) / 2
-            own, free = max(narrow, held) * length, (1 - held) * length
-            sums.released += away * length
-            wide = u * (
-                1 + (steeper[one] + steeper[other]) / 4
-            )  # by the slope of both its fronts
-            offset = (
-                offsets[np.uint64(min(FINE * wide + 0.5, len(offsets) - 1.0))] * free
-            )
-            sums.offset += offset
-            sums.harmonic += cos4 * offset
-            sums.sine += sin4 * offset
-            sums.turn += 0.25 * sign * (1 - straight)
-            sums.zone += (zones[one] + zones[other]) / 2 * length
+        cut_inside = (code >> cut) & 1
+        sign = 2.0 * cut_inside - 1
+        sums.area += 1 - cut_inside - last_inside  # which was counted as a point
+        for corner in range(cut, cut + (3 if saddle else 1), 2):
+            one = np.uint64(sides[(corner + straight) & 3])
+            other = np.uint64(sides[(corner + 3) & 3])
+            # Distances of the crossings from the corner, along both sides.
+            x = 1 - cut_inside + sign * position[one]
+            y = 1 - cut_inside + sign * position[other]
+            released = 0.0
+            if len(grid.lowered):
+                back_x = released_width(unloaded_fraction[one], peak_strip)
+                back_y = released_width(unloaded_fraction[other], peak_strip)
+                x -= sign * back_x
+                y -= sign * back_y
+                released = (back_x + back_y) / 2
+            if straight:
+                length = math.sqrt(1 + (x - y) * (x - y))
+                sums.area += sign * (x + y) / 2
+            else:
+                length = math.sqrt(x * x + y * y)
+                sums.area += sign * x * y / 2
+                sums.turn += 0.25 * sign
+            held = (pinned[one] + pinned[other]) / 2
+            own = max(own_fraction, held) * length
             sums.length += own
             sums.shared += length - own
-            sums.held += held * own
-            sums.kinked += (kinks[one] + kinks[other]) / 2 * own
-            sums.doubt += doubt * own * (1 - held)
-            sums.chance += (doubt * doubt * (1 - held) + NARROW**2 * (away > 0)) * own
+            sums.pinned += held * own
+            sums.at_kink += (at_kink[one] + at_kink[other]) / 2 * own
+            sums.hidden_zone += (hidden_width[one] + hidden_width[other]) / 2 * length
+            sums.released += released * length
+            # The width of the strip follows from the slope of both its fronts.
+            strip = width * (1 + (steepening[one] + steepening[other]) / 4)
+            entry = np.uint64(min(_FINE * strip + 0.5, len(offsets) - 1.0))
+            offset = offsets[entry] * (1 - held) * length
+            sums.offset += offset
+            sums.offset_cos += cos4 * offset
+            sums.offset_sin += sin4 * offset
+            doubt = (uncertainty[one] + uncertainty[other]) / 2
+            sums.uncertainty += doubt * own * (1 - held)
+            variance = doubt * doubt * (1 - held)
+            if released > 0:
+                variance += NARROW**2
+            sums.scatter += variance * own
         sums.tips += _tip(grid, k, hardness)
 
 
-@inner
-def _tip(grid: Any, k: Any, hardness: float) -> float:
-    """1 where a point apart with at most two such neighbours, not on one line, is a
-    tip, and less by the steepest way to a neighbour, which gives the width of the strip
-    beside the front.
+@inlined
+def _gradient(grid: Any, field: Any, k: Any) -> tuple[float, float, float]:
+    """Return the slopes of a field along x and y in cell k, and its sum there."""
+    unit, columns = grid.unit, grid.columns
+    q = k + grid.layer
+    a, b = field[k - columns - unit], field[k - unit]
+    c, d = field[k], field[k - columns]
+    e, f = field[q - columns - unit], field[q - unit]
+    g, h = field[q], field[q - columns]
+    return (b + c - a - d) / 2, (g + h - e - f) / 2, a + b + c + d + e + f + g + h
+
+
+@inlined
+def _peak_width(
+    grid: Any, k: Any, slope_x: float, slope_y: float, hardness: float, width: float
+) -> float:
+    """Return the width of the strip in cell k at the peak load; `width` if none flowed.
+
+    In a flattened spot the other front does not move along, so the width is infinite.
     """
-    ((unit, columns, shift), v, state), apart, steepest = grid[:3], 0, 0.0
-    along, across = (
-        state[k - unit] | state[k + unit],
-        state[k - columns] | state[k + columns],
-    )
+    lowered, unit, columns = grid.lowered, grid.unit, grid.columns
+    more_x, more_y, total = _gradient(grid, lowered, k)
+    if total == 0:
+        return width
+    least = min(lowered[k], lowered[k - unit])
+    least = min(least, lowered[k - columns], lowered[k - columns - unit])
+    if least > 0:
+        return math.inf
+    return hardness / max(math.hypot(slope_x + more_x, slope_y + more_y), 1e-150)
+
+
+@inlined
+def _tip(grid: Any, k: Any, hardness: float) -> float:
+    """Return the weight of point k as a tip of the gap, narrower than a spacing.
+
+    A point apart with at most two such neighbours, not on one line, is a tip.  It
+    counts less the narrower the strip beside the front is, which the steepest way to a
+    neighbour gives.
+    """
+    unit, columns, layer = grid.unit, grid.columns, grid.layer
+    v, state = grid.v, grid.state
+    apart = 0
     for row in (k - columns, k, k + columns):
         apart += (state[row - unit] == 0) + (state[row] == 0) + (state[row + unit] == 0)
+    along = state[k - unit] | state[k + unit]
+    across = state[k - columns] | state[k + columns]
     if (state[k] > 0) | (along == 0) | (across == 0) | (apart > 3):
         return 0.0
+    steepest = 0.0
     for row in (k - columns, k, k + columns):
         for near in (row - unit, row, row + unit):
-            steepest = max(
-                steepest, abs(v[near] + v[near + shift] - v[k] - v[k + shift]) / 2
-            )
+            rise = v[near] + v[near + layer] - v[k] - v[k + layer]
+            steepest = max(steepest, abs(rise) / 2)
     return min(hardness / steepest, 1.0) ** 2
 
 
 @compiled
-def _hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) -> None:
-    """Add the squares of gaps and the areas at creases that elastic points may hide.
+def _add_hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) -> None:
+    """Add the gaps that `count` elastic points may hide to the sums.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the
-    distance s from its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, like a
+    distance s from its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, as a
     penny-shaped crack that closes smoothly.  This place is at most half a cell's
-    diagonal away, so that p1 <= p2/2 - p.  Along a crease (`front`) the pressure
-    changes less than across by ALIKE; where it is 0, the gap shows. A lone point may be
-    on a wedge.
+    diagonal away, so that p1 <= p2/2 - p.  At a crease (`hidden`) the pressure along it
+    changes less than across it, by ALIKE; if it is 0 there, the gap shows.  A lone
+    point may be on a wedge.  elastic: their numbers, which are overwritten.
     """
-    ((unit, columns, shift), v), sums, low = grid[:2], out[0], 0
+    unit, columns, layer, v = grid.unit, grid.columns, grid.layer, grid.v
+    sums = out[0]
+    low = 0
     for k in elastic[:count]:  # without branches, hard to foresee
         elastic[np.uint64(low)] = k
-        least = (
-            v[k] <= min(v[k - unit], v[k + unit]),
-            v[k] <= min(v[k - columns], v[k + columns]),
-        )
-        low += least[0] | least[1]
+        low_x = v[k] <= min(v[k - columns], v[k + columns])
+        low_y = v[k] <= min(v[k - unit], v[k + unit])
+        low += low_x | low_y
     for k in elastic[:low]:
-        here, lowest, rise, area = v[k], True, 0.0, 0.0
+        here = v[k]
+        lowest = True
+        around = 0.0
+        area = 0.0
         for axis in range(2):
-            q, across, along = (
-                (k + shift, unit, columns) if axis else (k, columns, unit)
-            )
-            before, after = v[q - across], v[q + across]
+            q, across, along = k, columns, unit
+            if axis == 1:
+                q, across, along = k + layer, unit, columns
+            before = v[q - across]
+            after = v[q + across]
             if here > min(before, after):
                 lowest = False
                 continue
-            first, end = v[q - across - across], v[q + across + across]
+            first = v[q - across - across]
+            end = v[q + across + across]
             if min(before, after) >= hardness:
-                area = max(area, wedge(hardness, first, before, here, after, end))
-            before, after = min(before, hardness), min(after, hardness)
-            first, end = min(max(first, 0.0), hardness), min(max(end, 0.0), hardness)
-            rise, one, other = rise + before + after, q - along, q + along
-            one = min(v[one - across], v[one], v[one + across], hardness)
-            other = min(v[other - across], v[other], v[other + across], hardness)
-            most, drift = (
-                ALIKE * (max(before, after) - here),
-                max(max(one, other) - here, 0.0),
-            )
-            if (
-                (before < hardness) == (after < hardness)
-                and min(one, other) > 0
-                and drift < most
-            ):
-                area = max(
-                    area,
-                    2 * crease(first, before, here, after, end)[0] * (1 - drift / most),
-                )
-        sums.crease += area
-        rise = (
-            math.pi**2 / 8 * (rise / 4 - here)
-        )  # p2 of a wave with points a quarter of it apart
-        if lowest and rise > 0:  # ±0 if flat
-            sums.squares += max(math.pi * 1.5 * (0.5 - here / rise), 0.0) ** 2
+                ridge = wedge_width(hardness, first, before, here, after, end)
+                area = max(area, ridge)
+            same_kind = (before < hardness) == (after < hardness)
+            before = min(before, hardness)
+            after = min(after, hardness)
+            around += before + after
+            least_one = _least(v, q - along, across, hardness)
+            least_other = _least(v, q + along, across, hardness)
+            change_along = max(max(least_one, least_other) - here, 0.0)
+            most = ALIKE * (max(before, after) - here)
+            if same_kind and min(least_one, least_other) > 0 and change_along < most:
+                first = min(max(first, 0.0), hardness)
+                end = min(max(end, 0.0), hardness)
+                half_width, _ = crease_gap(first, before, here, after, end)
+                area = max(area, 2 * half_width * (1 - change_along / most))
+        sums.crease_area += area
+        # p2 of a wave whose points are a quarter of it apart.
+        p2 = math.pi**2 / 8 * (around / 4 - here)
+        if lowest and p2 > 0:  # ±0 if flat
+            sums.gap_squares += max(math.pi * 1.5 * (0.5 - here / p2), 0.0) ** 2
+
+
+@inlined
+def _least(v: Any, q: Any, across: Any, hardness: float) -> Any:
+    """Return the least v of point q and its neighbours, at most the hardness."""
+    return min(v[q - across], v[q], v[q + across], hardness)

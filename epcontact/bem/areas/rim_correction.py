@@ -1,21 +1,23 @@
-"""The rim correction: contact areas in the limit of a vanishing grid spacing, from one
-solution.
+"""The rim correction: contact areas in the limit of a vanishing grid spacing.
 
 Counting grid points overestimates a contact by its rim, and underestimates its plastic
 part, the mirror image.  In cells, with lengths in spacings, the contact is
 
-    A = A_located + CORNER * (Euler number)
-        - (integral of offset(u) (1 + HARMONIC cos 4 theta) along the front) - TIP *
-          (tips)
-        - (zones that the plastic front tells, and creases, that show no point)
+    A = A_located                                 area inside the located front
+        + CORNER (Euler number)                   a curved front lacks so much
+        - integral of offset(u) (1 + HARMONIC cos 4 theta) along the front
+        - TIP (tips)                              gaps narrower than a spacing
+        - hidden zones of the plastic front, and creases
 
-and its plastic part has the terms of the last two lines added, with zones that the
-front of the contact tells.  The offset is that of the discrete problem at a straight
-front of direction theta with an elastic strip of width u beside it, and none where a
-step of the surface holds the front. CORNER is what a front lacks by its curvature,
-which integrates to the Euler number; tips, zones and creases are narrower than a
-spacing.  On oblong cells the offset is larger (OBLONG).  The load is one more
-measurement, errors follow from the same sums, and `laboratory` measures constants.
+and its plastic part has the terms of the last three lines added, with zones hidden at
+the front of the contact.  The offset is that of the discrete problem at a straight
+front of direction theta with an elastic strip of width u beside it; there is none where
+a step of the surface holds the front.  CORNER is what a front lacks by its curvature,
+which integrates to the Euler number.  On oblong cells the offset is larger (OBLONG).
+
+The load is one more measurement of the areas (`_balance`), and their errors follow from
+the same sums (`_covariance`).  The modules `laboratory.rim` and `laboratory.area_bank`
+of the tests measure the constants.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET, STIFFNESS
+from epcontact.bem.areas.front import ANYWHERE, AXIS_OFFSET
 from epcontact.bem.areas.grid import (
     ALIKE,
     CORNER,
@@ -35,30 +37,32 @@ from epcontact.bem.areas.grid import (
     Sums,
     sweep,
 )
+from epcontact.bem.areas.hidden import STIFFNESS
 from epcontact.bem.workers import Workers, ranges
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import LARGEST, array, as_tuple, integer, positive
 
-#: By what share of it the offset changes with a front's direction
+#: Fraction by which the offset changes with a front's direction
 #: (`rim.calibrate_directions`).
 HARMONIC = 0.0711
 #: Cells that a gap lacks at each tip thinner than a spacing, which is round as half a
 #: spot is.
 TIP = CORNER / 2
-#: On oblong cells the mean offset grows by OBLONG ln^2(dx/dy) of itself
+#: On oblong cells the mean offset grows by the fraction OBLONG ln^2(dx/dy)
 #: (`rim.calibrate_oblong`).
 OBLONG = 0.07
-#: Mean offset of a counted front, in spacings (`rim.front_offset`), and the variance of
-#: the points inside for a spacing of it (Kendall, Q. J. Math. 19 (1948) 1).
-COUNTED, POINTS = 0.129, 0.0728
-#: Systematic error of OFFSETS for each spacing of the shorter front (the paper's
-#: surface, 4096^2).
-STRIPS = 0.001
-#: The claimed error in standard deviations: nine out of ten normal errors are smaller.
+#: Mean offset of a counted front, in spacings (`rim.front_offset`).
+COUNTED = 0.129
+#: Variance of the number of points inside a front, for a spacing of its length
+#: (Kendall, Q. J. Math. 19 (1948) 1).
+POINTS = 0.0728
+#: The error estimate in standard deviations: nine of ten normal errors are smaller.
 SURE = 1.645
-_ROUNDING = 1 - 1e-12  # a pressure above this share of the hardness is plastic
-_ROWS, _COLUMNS = 64, 1024  # swept at a time
+_ROUNDING = 1 - 1e-12  # a pressure above this fraction of the hardness is plastic
+# Rows and columns of a block that is swept at a time.
+_ROWS = 64
+_COLUMNS = 1024
 
 
 def estimate_areas(
@@ -70,55 +74,77 @@ def estimate_areas(
     threads: int = 1,
     flowed: FloatArray | None = None,
 ) -> tuple[Areas, Areas, Areas]:
-    """(raw, corrected, error) areas as fractions of the nominal area, from one
-    converged solution.
+    """Estimate the contact areas in the continuum from one converged solution.
 
-    pressure, gap: (nx, ny) or (nx,), in Pa and m, the gap positive where apart, and
-    minus all flow where plastic; hardness: in Pa, may be infinite; spacing: (dx, dy) or
-    (dx,), in m; effective_modulus: E* in Pa, also for a layer, because short waves
-    determine a rim; threads: any number gives the same bits; flowed: what earlier flow
-    has lowered the surface by, in m, where a load is no longer the largest; the gap is
-    then that to the lowered surface, and the plastic area 0 unless points flow again.
-    The error is meant to cover nine of ten errors of corrected areas.
+    Args:
+        pressure: (nx, ny) or (nx,), in Pa, from 0 to the hardness.
+        gap: of the same shape, in m; positive where apart, and where plastic minus the
+            plastic displacement, that of earlier loads too.
+        hardness: in Pa, may be infinite.
+        spacing: (dx, dy) or (dx,), in m.
+        effective_modulus: E* in Pa, also for a layer, because short waves determine a
+            rim.
+        threads: number of threads; any number gives the same bits.
+        flowed: plastic displacement of earlier loads in m, if the load is below their
+            largest one.  The gap is then that to the lowered surface, and the plastic
+            area is 0 unless points flow again.
+
+    Returns:
+        The areas (raw, corrected, error) as fractions of the nominal area.  The error
+        estimate is meant to cover nine of ten errors of corrected areas.
+
+    Raises:
+        InvalidScene: an argument is not valid.
     """
-    pressure, gap, spacing = (
-        array("pressure", pressure),
-        array("gap", gap),
-        as_tuple(spacing),
-    )
-    flowed = None if flowed is None else array("flowed", flowed)
-    given = {"pressure": pressure, "gap": gap} | (
-        {} if flowed is None else {"flowed": flowed}
-    )
-    shapes = {values.shape for values in given.values()}
-    if len(shapes) > 1 or len(spacing) != pressure.ndim or pressure.ndim not in (1, 2):
+    fields = {"pressure": array("pressure", pressure), "gap": array("gap", gap)}
+    if flowed is not None:
+        fields["flowed"] = array("flowed", flowed)
+    shapes = {values.shape for values in fields.values()}
+    spacing = as_tuple(spacing)
+    dimensions = fields["pressure"].ndim
+    if len(shapes) > 1 or len(spacing) != dimensions or dimensions not in (1, 2):
         raise InvalidScene(
-            f"arrays of {sorted(shapes)} points and {len(spacing)} spacings do not fit: "
-            "a line (nx,) or a grid (nx, ny) each and one spacing a direction are needed"
+            f"arrays of {sorted(shapes)} points and {len(spacing)} spacings do not "
+            "fit: a line (nx,) or a grid (nx, ny) each and one spacing a direction are "
+            "needed"
         )
     hardness = positive("hardness", hardness, "Pa", finite=False)
     spacing = [positive("spacing", distance, "m") for distance in spacing]
     effective_modulus = positive("effective_modulus", effective_modulus, "Pa")
     threads = integer("threads", threads, 1)
-    for name, values in given.items():
-        least, most = (
-            (values.min(), values.max()) if values.size else (math.nan, math.nan)
-        )
-        if not max(-least, most) <= LARGEST:
-            raise InvalidScene(
-                f"{name} is empty or holds NaN or numbers beyond {LARGEST:g}"
-            )
-        if least < 0 and name != "gap":
-            raise InvalidScene(
-                f"{name} is negative at a point, but must nowhere be less than 0"
-            )
-        if name == "pressure" and most * _ROUNDING > hardness:
-            raise InvalidScene("a pressure is above the hardness: all are from 0 to it")
-    summed = sums_of_fronts(
-        pressure, gap, hardness, spacing, effective_modulus, threads, flowed
+    for name, values in fields.items():
+        _require_possible(name, values, hardness)
+    sums, load, cells, aspect = sums_of_fronts(
+        fields["pressure"],
+        fields["gap"],
+        hardness,
+        spacing,
+        effective_modulus,
+        threads,
+        fields.get("flowed"),
     )
-    total, plastic = (summed[0].points / summed[2]).tolist()
-    return Areas(total, total - plastic, plastic), *areas_of_sums(*summed)
+    total, plastic = (sums.points / cells).tolist()
+    raw = Areas(total, total - plastic, plastic)
+    corrected, error = areas_of_sums(sums, load, cells, aspect)
+    return raw, corrected, error
+
+
+def _require_possible(name: str, values: FloatArray, hardness: float) -> None:
+    """Raise InvalidScene if a field has values that no solution has."""
+    least = most = math.nan
+    if values.size:
+        least = values.min()
+        most = values.max()
+    if not max(-least, most) <= LARGEST:
+        raise InvalidScene(
+            f"{name} is empty or holds NaN or numbers beyond {LARGEST:g}"
+        )
+    if least < 0 and name != "gap":
+        raise InvalidScene(
+            f"{name} is negative at a point, but must nowhere be less than 0"
+        )
+    if name == "pressure" and most * _ROUNDING > hardness:
+        raise InvalidScene("a pressure is above the hardness: all are from 0 to it")
 
 
 def sums_of_fronts(
@@ -130,158 +156,196 @@ def sums_of_fronts(
     threads: int = 1,
     flowed: FloatArray | None = None,
 ) -> tuple[Sums, float, float, float]:
-    """Arguments of `areas_of_sums` for a solution on a grid; arguments as of
-    `estimate_areas`.
+    """Return the arguments of `areas_of_sums` for a solution on a grid.
+
+    The arguments are those of `estimate_areas`.
     """
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
-        pressure, gap, spacing = (
-            pressure[:, None],
-            gap[:, None],
-            [spacing[0], spacing[0]],
-        )
-    (nx, ny), (dx, dy), c = pressure.shape, spacing, STIFFNESS * effective_modulus
-    # The exact offset of fronts along one axis, as those of a line are.
-    offsets = (
-        OFFSETS * (AXIS_OFFSET / (1 + HARMONIC) / OFFSETS[-1]) if ny == 1 else OFFSETS
-    )
-    earlier = (np.zeros((0, 0)), hardness * _ROUNDING)
+        pressure = pressure[:, None]
+        gap = gap[:, None]
+        spacing = [spacing[0], spacing[0]]
+    nx, ny = pressure.shape
+    dx, dy = spacing
+    offsets = OFFSETS
+    if ny == 1:  # fronts along an axis have this exact offset
+        offsets = OFFSETS * (AXIS_OFFSET / (1 + HARMONIC) / OFFSETS[-1])
+    stiffness = STIFFNESS * effective_modulus
+    load = float(pressure.mean()) / (hardness * _ROUNDING)
+    earlier_flow = np.zeros((0, 0))
+    earlier_hardness = hardness * _ROUNDING
     if flowed is not None:
-        earlier = (
-            (flowed.reshape(nx, ny), hardness) if math.isfinite(hardness) else earlier
-        )
-        hardness = hardness if pressure.max() >= hardness * _ROUNDING else math.inf
-    solution = Solution(pressure, gap, hardness * _ROUNDING, (c / dx, c / dy), *earlier)
-    rows, columns = ranges(nx, _ROWS), ranges(ny, _COLUMNS)
+        if math.isfinite(hardness):
+            load = float(pressure.mean()) / hardness
+            earlier_flow = flowed.reshape(nx, ny)
+            earlier_hardness = hardness
+        if pressure.max() < hardness * _ROUNDING:
+            hardness = math.inf  # nothing flows under this load
+    solution = Solution(
+        pressure,
+        gap,
+        hardness * _ROUNDING,
+        (stiffness / dx, stiffness / dy),
+        earlier_flow,
+        earlier_hardness,
+    )
     blocks = np.array(
-        [(r.start, r.stop, k.start, k.stop) for k in columns for r in rows]
+        [
+            (rows.start, rows.stop, columns.start, columns.stop)
+            for columns in ranges(ny, _COLUMNS)
+            for rows in ranges(nx, _ROWS)
+        ]
     )
-    shares = np.array_split(blocks, min(len(blocks), 4 * threads if threads > 1 else 1))
+    tasks = 4 * threads if threads > 1 else 1
+    parts = np.array_split(blocks, min(len(blocks), tasks))
     with Workers(threads) as workers:
-        parts = workers.each(sweep, solution, shares, offsets)
-    times, each = copies(pressure), np.concatenate(parts)
-    sums = Sums(
-        *(each.view(float).reshape(-1, 2, len(Sums._fields)).sum(axis=0) / times).T
-    )
-    return sums, float(pressure.mean()) / earlier[1], pressure.size / times, dx / dy
+        found = np.concatenate(workers.each(sweep, solution, parts, offsets))
+    times = copies(pressure)
+    by_field = found.view(float).reshape(-1, 2, len(Sums._fields)).sum(axis=0).T
+    return Sums(*(by_field / times)), load, pressure.size / times, dx / dy
 
 
 def areas_of_sums(
-    sums: Sums, share: float, cells: float, aspect: float
+    sums: Sums, load: float, cells: float, aspect: float
 ) -> tuple[Areas, Areas]:
-    """(corrected, error) from the sums over the cells of one of the `copies`, which err
-    alike. share: p0/hardness; aspect: dx/dy.
+    """Return the corrected areas and their errors, as fractions of the nominal area.
+
+    Args:
+        sums: over the fronts of one of the `copies`, because copies have equal errors.
+        load: mean pressure by the hardness.
+        cells: number of cells that the sums are of.
+        aspect: dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
-    located, covariance = located_areas(sums, oblong), _covariance(sums, oblong)
-    if sums.points[0] > sums.points[1] > 0:
-        located, covariance = _balanced(located, covariance, sums, share * cells)
-    # What no point shows, the load does not tell: zones, squares (claims), creases, a
-    # lone point.
-    located = located + (-1, 1) * (sums.zone[::-1] + sums.crease)
-    unseen = (sums.zone[::-1] ** 2 + sums.squares) / SURE**2 + (
-        TIP / 2 * sums.tips
-    ) ** 2
-    unseen += sums.crease**2 + (located * (sums.points == 1) * (cells > 1)) ** 2
-    return _possible(located / cells, (covariance + np.diag(unseen)) / cells**2, share)
+    areas = located_areas(sums, oblong)
+    covariance = _covariance(sums, oblong)
+    contact, plastic = sums.points
+    if contact > plastic > 0:
+        areas, covariance = _balance(areas, covariance, sums, load * cells)
+    # The load does not show what no point shows: hidden zones and creases.
+    zones = sums.hidden_zone[::-1]  # each front shows zones of the other one
+    areas = areas + np.array([-1, 1]) * (zones + sums.crease_area)
+    unseen = (zones**2 + sums.gap_squares) / SURE**2 + sums.crease_area**2
+    if cells > 1:  # nothing is known of the area of a lone point
+        unseen += (areas * (sums.points == 1)) ** 2
+    return _possible(areas / cells, (covariance + np.diag(unseen)) / cells**2, load)
 
 
 def _possible(
-    areas: FloatArray, covariance: FloatArray, share: float
+    areas: FloatArray, covariance: FloatArray, load: float
 ) -> tuple[Areas, Areas]:
-    """Move the areas to the nearest ones that carry the load, share = p0/hardness.  The
-    distance adds to their errors, which are at most those to the farther bound.
+    """Move total and plastic area to the nearest ones that carry the load.
+
+    areas: as fractions of the nominal area, with their covariance (2, 2); load: mean
+    pressure by the hardness.  The distance moved adds to the errors, which are at most
+    those to the farther bound.
     """
-    low, high = np.array([share, 0.0]), np.array([1.0, share])
+    low = np.array([load, 0.0])
+    high = np.array([1.0, load])
     moved = np.clip(areas, low, high)
-    far = np.abs(moved - areas)
-    claims = SURE * np.sqrt(np.diag(covariance)) + far
-    total, plastic = np.minimum(claims, np.maximum(moved - low, high - moved))
-    variance, elastic = np.trace(covariance) - 2 * covariance[0, 1], moved[0] - moved[1]
-    claim = min(
-        SURE * math.sqrt(max(variance, 0.0)) + far.sum(), max(elastic, 1 - elastic)
+    distance = np.abs(moved - areas)
+    errors = SURE * np.sqrt(np.diag(covariance)) + distance
+    errors = np.minimum(errors, np.maximum(moved - low, high - moved))
+    elastic = moved[0] - moved[1]
+    variance = np.trace(covariance) - 2 * covariance[0, 1]
+    error = SURE * math.sqrt(max(variance, 0.0)) + distance.sum()
+    error = min(error, max(elastic, 1 - elastic))
+    return (
+        Areas(float(moved[0]), float(elastic), float(moved[1])),
+        Areas(float(errors[0]), float(error), float(errors[1])),
     )
-    corrected = Areas(float(moved[0]), float(elastic), float(moved[1]))
-    return corrected, Areas(float(total), float(claim), float(plastic))
 
 
 def located_areas(sums: Sums, oblong: float) -> FloatArray:
-    """(2,) areas in cells of the contact and its plastic part; oblong: OBLONG
-    ln^2(dx/dy).
+    """Return (2,) the areas in cells of the contact and of its plastic part.
+
+    oblong: fraction by which the offset is larger on oblong cells.
     """
-    outward = (1 + oblong) * sums.offset + HARMONIC * sums.harmonic + TIP * sums.tips
-    return np.asarray(sums.area + (-1, 1) * outward + CORNER * sums.turn)
+    outward = (1 + oblong) * sums.offset + HARMONIC * sums.offset_cos + TIP * sums.tips
+    return sums.area + np.array([-1, 1]) * outward + CORNER * sums.turn
 
 
 def _covariance(sums: Sums, oblong: float) -> FloatArray:
-    """Covariance (2, 2) of the two areas in square cells, but for tips and what no
-    point shows.
+    """Return the covariance (2, 2) of the areas in cells, without what no point shows.
 
-    Errors by chance grow as the square root of a front's length, errors in common as
-    the length: of its doubt 5/4 of the share of one direction or, if more, a tenth,
-    ANYWHERE/3 at edges, kinks. What a spot lacks by its curvature is known to a sixth,
-    and to a twelfth in common (.53 to .65 on radii of 1.5 to 12), a release and OBLONG
-    to a quarter, the change with direction to 2/5.
+    Random errors grow as the square root of a front's length, systematic errors as the
+    length.  The systematic error of the positions is their uncertainty times 5/4 of the
+    fraction of the front along one direction, or a tenth if this is more; at edges and
+    kinks it is ANYWHERE/3.  What a spot lacks by its curvature is known to a sixth for
+    each spot, and to a twelfth for all (.53 to .65 on radii of 1.5 to 12 spacings).
+    Releases and OBLONG are known to a quarter, the change with direction to 2/5.
     """
-    aligned = np.hypot(sums.harmonic, sums.sine) / np.maximum(sums.offset, 1e-9)
-    chance = (
-        sums.chance + ANYWHERE**2 * sums.held + (CORNER / 6) ** 2 * np.abs(sums.turn)
-    )
-    common = (ANYWHERE / 3) ** 2 * (sums.held**2 + sums.kinked**2) + (
-        CORNER / 12 * sums.turn
-    ) ** 2
-    common += (np.maximum(1.25 * aligned, 0.1) * sums.doubt) ** 2 + (
-        sums.released / 4
-    ) ** 2
-    common += (0.4 * HARMONIC * sums.harmonic) ** 2 + (oblong / 4 * sums.offset) ** 2
-    common += (STRIPS * (sums.length + sums.shared).min()) ** 2
-    strips = NARROW**2 * sums.shared.mean()  # move both fronts, where points show both
-    return np.asarray(
-        np.diag(chance + common) + (strips if sums.points[1] else np.eye(2) * strips)
-    )
+    random = sums.scatter + ANYWHERE**2 * sums.pinned
+    random += (CORNER / 6) ** 2 * np.abs(sums.turn)
+    aligned = np.hypot(sums.offset_cos, sums.offset_sin) / np.maximum(sums.offset, 1e-9)
+    systematic = (np.maximum(1.25 * aligned, 0.1) * sums.uncertainty) ** 2
+    systematic += (ANYWHERE / 3) ** 2 * (sums.pinned**2 + sums.at_kink**2)
+    systematic += (CORNER / 12 * sums.turn) ** 2
+    systematic += (sums.released / 4) ** 2
+    systematic += (0.4 * HARMONIC * sums.offset_cos) ** 2
+    systematic += (oblong / 4 * sums.offset) ** 2
+    covariance = np.diag(random + systematic)
+    strips = NARROW**2 * sums.shared.mean()
+    if sums.points[1]:  # a narrow strip moves both fronts together
+        covariance += strips
+    else:
+        covariance += strips * np.eye(2)
+    return np.asarray(covariance)
 
 
-def _balanced(
+def _balance(
     areas: FloatArray, covariance: FloatArray, sums: Sums, load: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Total and plastic area and their covariance (2, 2), with the load as one more
-    measurement.
+    """Improve the areas and their covariance (2, 2) by the load, one more measurement.
 
-    All in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi of
-    the points. It is right in strips, where the pressure rises antisymmetrically.
-    Other fronts count COUNTED too much a spacing, by chance of POINTS, but anything at
-    edges and kinks, and TIP for each tip. If areas and load differ by more than their
-    errors explain, these grow until they do (Birge, Phys. Rev. 40 (1932) 207).
+    All are in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi
+    the mean pressure of elastic points by the hardness.  This is right in strips, where
+    the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
+    spacing, with the variance POINTS, but anything at edges and kinks, and TIP for each
+    tip.  If areas and load differ by more than their errors explain, these grow until
+    they do explain it (Birge, Phys. Rev. 40 (1932) 207).
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)
-    slopes = np.maximum(
-        [phi, 1 - phi], 1e-9
-    )  # elastic points may carry nothing but rounding
-    carried = load - (slopes * (1, -1)) @ (
-        COUNTED * (sums.length - sums.held) + TIP * sums.tips
-    )
-    doubt = POINTS * sums.length + ANYWHERE**2 * (sums.held**2 + sums.kinked**2)
-    common, off = covariance @ slopes, carried - slopes @ areas
-    variance = slopes @ common + slopes**2 @ doubt
-    left = covariance - np.outer(common, common) / variance
-    return areas + common * (off / variance), left * max(1.0, off**2 / variance - 1)
+    # Elastic points may carry nothing but rounding.
+    slopes = np.maximum([phi, 1 - phi], 1e-9)
+    surplus = COUNTED * sums.length + TIP * sums.tips
+    measured = load - slopes @ (surplus * np.array([1, -1]))
+    variances = POINTS * sums.length
+    variances += ANYWHERE**2 * (sums.pinned**2 + sums.at_kink**2)
+    gain = covariance @ slopes
+    difference = measured - slopes @ areas
+    variance = slopes @ gain + slopes**2 @ variances
+    remaining = covariance - np.outer(gain, gain) / variance
+    birge = max(1.0, difference**2 / variance - 1)
+    return areas + gain * (difference / variance), remaining * birge
 
 
 def copies(pressure: FloatArray) -> int:
-    """Count how often a periodic grid (nx, ny) repeats its shortest period, in whole
-    points.
+    """Return how often a periodic grid (nx, ny) repeats its shortest period.
+
+    Only periods of whole points are found.  Pressures of copies differ by less than
+    ALIKE of their range.
     """
-    count, peak = 1, np.unravel_index(pressure.argmax(), pressure.shape)
-    close = ALIKE * float(pressure[peak] - pressure.min())
-    for rows, (first, at) in ((pressure, peak), (pressure.T, peak[::-1])):
-        n, line = len(rows), abs(rows[:, at] - rows[first, at]) <= close
-        for step in [k for k in range(1, n // 2 + 1) if n % k == 0 and line[first - k]]:
-            both = {
-                step,
-                n // step // 2 * step,
-            }  # what hardly changes in one does in half of all
-            pairs = ((i % n, way) for i in range(first, first + n) for way in both)
-            if all(np.abs(rows[i] - rows[i - way]).max() <= close for i, way in pairs):
-                count *= n // step
+    allowed = ALIKE * float(pressure.max() - pressure.min())
+    count = 1
+    for rows in (pressure, pressure.T):
+        peak = int(rows.max(axis=1).argmax())
+        for period in range(1, len(rows) // 2 + 1):
+            repeats = len(rows) // period
+            # What hardly changes from one row to the next changes in half of them.
+            farthest = repeats // 2 * period
+            if len(rows) % period == 0 and all(
+                _repeats(rows, peak, step, allowed) for step in (period, farthest)
+            ):
+                count *= repeats
                 break
     return count
+
+
+def _repeats(rows: FloatArray, first: int, step: int, allowed: float) -> bool:
+    """Return True if each row is like the one `step` before it, from row `first` on."""
+    n = len(rows)
+    return all(
+        np.abs(rows[i % n] - rows[i % n - step]).max() <= allowed
+        for i in range(first, first + n)
+    )
