@@ -358,7 +358,8 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
     displacement, stress, strain = _field_names(mesh)
     stress_title, strain_title = "von Mises stress", "equivalent plastic strain"
     stress_scale, stress_unit = unit_for(limits[0], "Pa")
-    strain_scale, strain_unit = 1.0, "-"
+    strain_scale = 1.0
+    strain_unit = "-"
     if strain == "gap":
         stress_title, strain_title = "contact pressure", "gap"
         strain_scale, strain_unit = unit_for(limits[1], "m")

@@ -274,7 +274,8 @@ def _draw_series(
     axes.plot(x, one.y[drawn] / y_scale, label=label, **look)
     if not one.has_bounds:
         return
-    low, high = one.low[drawn] / y_scale, one.high[drawn] / y_scale
+    low = one.low[drawn] / y_scale
+    high = one.high[drawn] / y_scale
     colour = look["color"]
     if one.style == "curve":
         axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
@@ -310,10 +311,12 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
     for label, x in plot.upright.items():
         axes.axvline(x, **_GUIDE)
         pixels = axes.transData.transform((x, 0))
-        text, side = f" {typeset(label)}", "left"
+        text = f" {typeset(label)}"
+        side = "left"
         # A label in the right half of the picture is to the left of its line.
         if axes.transAxes.inverted().transform(pixels)[0] > 0.5:
-            text, side = f"{typeset(label)} ", "right"
+            text = f"{typeset(label)} "
+            side = "right"
         look = {"va": "top", "ha": side, "color": "#555555"}
         axes.annotate(text, (x, 0.985), xycoords=("data", "axes fraction"), **look)
 
@@ -367,7 +370,8 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
     Points that are not positive and finite are left out; with fewer than two different
     x the slope is NaN.
     """
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    x = np.asarray(x, dtype=float)
+    y = np.asarray(y, dtype=float)
     good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
     if np.unique(x[good]).size < 2:
         return float("nan")

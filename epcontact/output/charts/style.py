@@ -15,6 +15,7 @@ from typing import Any
 
 from epcontact.results import APART, ELASTIC, PLASTIC
 
+#: The colours and the names of the contact states of a point.
 STATE_COLOURS = {APART: "#ffffff", ELASTIC: "#f0c419", PLASTIC: "#000000"}
 STATE_NAMES = {APART: "apart", ELASTIC: "elastic", PLASTIC: "plastic"}
 
@@ -23,7 +24,7 @@ PRESSURE_MAP = "viridis_r"
 STRESS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 
-#: A method has the same colour in every chart.
+#: A method has the same colour in every chart; other series take those of the cycle.
 METHOD_COLOURS = {"persson": "#000000", "bem": "#0072b2", "fem": "#d55e00"}
 CYCLE = (
     "#0072b2",
@@ -40,8 +41,8 @@ PART_COLOURS = {
     "total": CYCLE[0],
     **{STATE_NAMES[k]: STATE_COLOURS[k] for k in (ELASTIC, PLASTIC)},
 }
-#: Their numbers have no factor in common with that of the colours, so that looks differ
-#: for long.
+#: The numbers of marks, dashes and colours have no common factor, so that many series
+#: look different before a look repeats.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "h")
 DASHES = ("-", "--", "-.")
 
@@ -70,14 +71,20 @@ SETTINGS: Mapping[str, Any] = {
     "svg.hashsalt": "epcontact",
 }
 
-_PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3} | {
+#: Prefixes of units, from the largest to the smallest.
+_PREFIXES = {
+    "T": 1e12,
+    "G": 1e9,
+    "M": 1e6,
+    "k": 1e3,
     "": 1.0,
     "m": 1e-3,
     "µ": 1e-6,
     "n": 1e-9,
 }
 
-#: Symbols as code and cases write them, as mathtext, and as text.
+#: Symbols as code and cases write them (a regular expression), as mathtext, and as
+#: text.
 _SYMBOLS = (
     (
         r"E\* ?xi ?/ ?(?:sigma_Y|yield stress)",
@@ -95,23 +102,32 @@ _SYMBOLS = (
 
 
 def typeset(text: str, *, mathtext: bool = True) -> str:
-    """Return a label or caption with its symbols typeset, as mathtext or in plain
-    Unicode.
+    """Return a label or caption with its symbols typeset.
+
+    Args:
+        text: the text, with symbols such as "sigma_P".
+        mathtext: typeset them for matplotlib; otherwise in plain Unicode.
     """
-    for pattern, math_text, plain in _SYMBOLS:
-        text = re.sub(
-            pattern, (math_text if mathtext else plain).replace("\\", r"\\"), text
-        )
+    for pattern, math_symbol, plain_symbol in _SYMBOLS:
+        symbol = math_symbol if mathtext else plain_symbol
+        text = re.sub(pattern, symbol.replace("\\", r"\\"), text)
     return text
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """Return the scale and the name of the prefixed unit that suit the largest value in
-    a unit.
+    """Return the prefixed unit in which values are easy to read.
+
+    Args:
+        largest: the largest value in the unit.
+        unit: a unit without a prefix, such as "Pa"; for "m" no prefix above 1 is used.
+
+    Returns:
+        The number by which values in the unit are divided, and the prefixed unit.
     """
     size = abs(largest)
     if not math.isfinite(size) or size == 0:
         return 1.0, unit
-    fitting = (p for p, s in _PREFIXES.items() if size >= s and (unit != "m" or s <= 1))
-    prefix = next(fitting, "n")
-    return _PREFIXES[prefix], prefix + unit
+    for prefix, scale in _PREFIXES.items():
+        if size >= scale and (unit != "m" or scale <= 1):
+            return scale, f"{prefix}{unit}"
+    return _PREFIXES["n"], f"n{unit}"
