@@ -523,20 +523,20 @@ def _suspicions(surface: Surface) -> list[str]:
         if step <= change / 40:  # by `tests/laboratory/area_bank.py`
             scope = "for the smooth surface that was rounded, but not for its steps"
         elif step < 1.1 * change:
-            scope = "neither for them nor for a smooth surface: smooth the heights or "
-            scope += "refine the grid"
+            scope = "neither for these steps nor for a smooth surface: smooth the "
+            scope += "heights or refine the grid"
         else:
             scope = "for these steps, but not for a smooth surface that was rounded"
         sentences.append(
             f"the heights are in steps of {step:.3g} m, as a map of few bits is: "
-            f"claimed errors of areas hold {scope}"
+            f"error estimates of areas are valid {scope}"
         )
     ratio = max(surface.spacing) / min(surface.spacing)
     if ratio > 2 * (1 + 1e-9):
         sentences.append(
             f"the grid's cells are {ratio:.3g} times as long as wide: corrected areas "
-            "and their claimed errors hold up to 2; take points at like distances in "
-            "both directions"
+            "and their error estimates are valid up to 2; take points at similar "
+            "distances in both directions"
         )
     return sentences
 

@@ -289,7 +289,7 @@ def test_a_plane_or_constant_is_flat_to_the_last_digit():
                 1e-6 * heights, (1e-3, 1e-3), "periodic", form=form
             ).build()
             assert (np.ptp(surface.heights) == 0) == (form >= order)
-            assert ("what is left is rounding" in str(surface.notes)) == (form >= order)
+            assert ("the rest is rounding error" in str(surface.notes)) == (form >= order)
     rough = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1).build()
     assert rough.rms_height > 1e-10
 
@@ -544,7 +544,7 @@ def test_slopes_beyond_one_are_said_once():
         (
             np.round(MAP / (0.3 * MAP.std())),
             (1e3, 1e3),
-            {STEPS, "neither for them nor"},
+            {STEPS, "neither for these steps nor"},
         ),
         (
             np.round(MAP / (0.01 * MAP.std())),
@@ -699,7 +699,7 @@ def test_instrument_files_know_their_size_and_unit(write, monkeypatch):
     with_unit = read(partial(Topography, None), periods=(2.0, 3.0), unit=1e-9).build()
     assert with_unit.heights == pytest.approx(MAP, rel=1e-14)
     for topography, options, sentence in (
-        (Topography, {"unit": 1e-6}, "knows the unit"),
+        (Topography, {"unit": 1e-6}, "gives the unit"),
         (partial(Topography, None), {}, "in which unit"),
         (partial(Topography, None), {"unit": 1e-9}, "does not say how large"),
         (partial(Topography, hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),

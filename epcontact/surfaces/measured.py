@@ -126,22 +126,24 @@ class HeightsFromFile(Preparation):
         Lengths,
         entry(
             "m",
-            "needed where the file does not know its own size",
+            "needed unless the file gives the size of the map",
             validation_alias="period",
         ),
     ] = ()
     unit: Annotated[
         StrictFloat | None,
-        entry("m", "of the heights, 1e-6 for µm; unless the file gives it", gt=0),
+        entry(
+            "m", "of the heights, 1e-6 for µm; needed unless the file gives it", gt=0
+        ),
     ] = None
     treatment: EdgeField | None = None
     pixel_size: Annotated[
         StrictFloat | None,
-        entry("m", "spacing of the grid, in the place of period", gt=0),
+        entry("m", "spacing of the grid, instead of period", gt=0),
     ] = None
     optional: Annotated[
         StrictBool,
-        entry("", "skip the case with a sentence where the file is absent"),
+        entry("", "skip the case with a message if the file is absent"),
     ] = False
     kind: Literal["file"] = field(default="file", kw_only=True)
 
@@ -190,7 +192,7 @@ class HeightsFromFile(Preparation):
         one_for_both = len(given) == 1 and len(shape) == 2
         problem = ""
         if stored.in_metres and self.unit:
-            problem = "knows the unit of its heights; leave out unit"
+            problem = "gives the unit of its heights; leave out unit"
         elif not stored.in_metres and not self.unit:
             problem = (
                 "does not say in which unit its heights are; give unit = 1e-6 for "

@@ -113,7 +113,7 @@ class Preparation(Fields):
         Literal["keep", "remove"],
         entry(
             "",
-            "spikes of an instrument: kept and told, or removed and filled (harmonic)",
+            "spikes of an instrument: kept with a note, or removed and filled (harmonic)",
         ),
     ] = "keep"
     form: Annotated[
@@ -334,7 +334,7 @@ def _without_form(
             notes[0] += ", because its tilt makes the edges jump; form = 0 keeps it"
     if 0 < np.nanstd(heights) < ROUNDING * largest:
         heights = np.where(np.isnan(heights), np.nan, 0.0)
-        notes.append("what is left is rounding, so that the surface is flat")
+        notes.append("the rest is rounding error, and the surface is flat")
     return heights, notes
 
 
@@ -502,9 +502,9 @@ def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
         for name, error in errors.items()
     )
     notes.append(
-        f"the treatment of the edges, {recipe.treatment}, changes in nine of ten maps "
-        f"by up to (areas of the total one): {values}; this is a part of the error of "
-        "each"
+        f"in nine of ten maps, the treatment of the edges ({recipe.treatment}) changes "
+        f"values by up to {values} (areas relative to the total area); this is a part "
+        "of the error of each value"
     )
     return replace(surface, notes=tuple(notes), treatment_errors=errors)
 
