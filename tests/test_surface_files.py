@@ -289,7 +289,9 @@ def test_a_plane_or_constant_is_flat_to_the_last_digit():
                 1e-6 * heights, (1e-3, 1e-3), "periodic", form=form
             ).build()
             assert (np.ptp(surface.heights) == 0) == (form >= order)
-            assert ("the rest is rounding error" in str(surface.notes)) == (form >= order)
+            assert ("the rest is rounding error" in str(surface.notes)) == (
+                form >= order
+            )
     rough = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1).build()
     assert rough.rms_height > 1e-10
 
