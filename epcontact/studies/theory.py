@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact import bem, persson
-from epcontact.bem.areas.distribution import end_fits, extrapolated
+from epcontact.bem.areas.distribution import end_fits, extrapolate
 from epcontact.harness.gates import estimate
 from epcontact.output.charts.plot import Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
@@ -408,10 +408,10 @@ def grid_limits(values: pd.DataFrame, quantity: str) -> pd.DataFrame:
         if quantity == SLOPE:
             table = table.iloc[:, 1:]
         n = table.columns.to_numpy()
-        limit = estimate([extrapolated(n, row, order)[0] for row in table.to_numpy()])
+        limit = estimate([extrapolate(n, row, order)[0] for row in table.to_numpy()])
         # The error of the fit is common to all surfaces and does not fall with their
         # number.
-        _, fit_error = extrapolated(n, table.mean().to_numpy(), order)
+        _, fit_error = extrapolate(n, table.mean().to_numpy(), order)
         error = math.hypot(limit.half_width, fit_error)
         rows.append((end, limit.mean, limit.mean - error, limit.mean + error))
     columns = ["end", quantity, f"{quantity}_low", f"{quantity}_high"]

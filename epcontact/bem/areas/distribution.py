@@ -1,11 +1,11 @@
-"""The distribution of the contact pressures of a solution, and the effect of the grid
-at its ends.
+"""The distribution of the contact pressures, and the effect of the grid at its ends.
 
-P(sigma) is the share of the nominal area per pressure.  Near a rim the pressure rises
-as the square root of the distance, p = K sqrt(s), so in the continuum P(sigma) = slope
-sigma -> 0 at sigma -> 0, with slope = 2 x the integral of K^-2 along the rims; by
-particle-hole symmetry the same holds at the hardness.  On a grid the points next to the
-rim, with pressures of the order K sqrt(dx), fill the ends: P(0+) > 0 falls as dx^(1/2).
+P(sigma) is the fraction of the nominal area per pressure.  Near a rim the pressure
+rises as the square root of the distance, p = K sqrt(s).  So in the continuum P(sigma) =
+slope sigma -> 0 at sigma -> 0, where the slope is twice the integral of K^-2 along the
+rims.  By particle-hole symmetry the same holds at the hardness.  On a grid the points
+next to the rim, with pressures of the order K sqrt(dx), fill the ends: P(0+) > 0 falls
+as dx^(1/2).
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.results import Areas, FloatArray, PressureDistribution
 
-# A pressure above this share of the hardness is plastic: the difference is rounding.
+# A pressure above this fraction of the hardness is plastic: the difference is rounding.
 _ROUNDING = 1 - 1e-12
 _CHUNK = 1 << 20  # points taken at a time, so that no temporary has the grid's size
 
 
 def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
-    """(bins + 1,) pressures in Pa from 0 to `largest`, close together at 0, or at both
-    ends.  They are quadratic there, so that bins have about the same number of points
-    where P is linear.
+    """Return (bins + 1,) pressures in Pa from 0 to `largest`, dense at 0 or both ends.
+
+    They are quadratic there, so that bins have about the same number of points where P
+    is linear.
     """
     angle = np.pi / 2 * np.arange(bins + 1) / bins
     grades = np.sin(angle) ** 2 if both_ends else 1 - np.cos(angle)
@@ -40,48 +41,61 @@ def pressure_distribution(
     hardness: float,
     bins: int | Sequence[float] | FloatArray = 200,
 ) -> PressureDistribution:
-    """The distribution of a pressure field, of any shape, by counting its points.
+    """Return the distribution of a pressure field by counting its points.
 
-    bins: their number, finer towards 0 and the hardness (if this is infinite, towards
-    0, up to the largest pressure), or their ascending edges in Pa from 0 on.
+    Args:
+        pressure: in Pa, of any shape.
+        hardness: in Pa, may be infinite.
+        bins: their number, or their ascending edges in Pa from 0 on.  A number of bins
+            is finer towards 0 and the hardness; if this is infinite, they reach up to
+            the largest pressure and are finer towards 0.
+
+    Raises:
+        InvalidScene: the bins are not valid.
     """
-    finite = math.isfinite(hardness)
     flat = pressure.reshape(-1)
-    largest = hardness if finite else max(float(flat.max()), np.finfo(float).tiny)
-    if isinstance(bins, int | np.integer):
-        if bins < 1:
-            raise InvalidScene(f"bins is {bins}, but at least one is needed")
-        edges = graded_pressures(largest, int(bins), both_ends=finite)
-    else:
-        edges = np.asarray(bins, dtype=np.float64)
-        if (
-            edges.ndim != 1
-            or edges.size < 2
-            or edges[0] != 0
-            or not np.all(np.diff(edges) > 0)
-        ):
-            raise InvalidScene(
-                "bins must be a number, or edges in Pa that ascend from 0"
-            )
-    counts, plastic = np.zeros(edges.size, dtype=np.int64), 0
+    edges = _edges(flat, hardness, bins)
+    counts = np.zeros(edges.size, dtype=np.int64)
+    plastic = 0
     for start in range(0, flat.size, _CHUNK):
         p = flat[start : start + _CHUNK]
         p = np.sort(p[p > 0])  # cheaper than to look up the bin of each point
-        flowing = int(np.searchsorted(p, hardness * _ROUNDING))
-        plastic += p.size - flowing
-        # side="right": a pressure on an edge belongs to the bin below it, (edge[i-1],
-        # edge[i]].
-        counts += np.searchsorted(p[:flowing], edges, side="right")
+        elastic = int(np.searchsorted(p, hardness * _ROUNDING))
+        plastic += p.size - elastic
+        # A pressure on an edge belongs to the bin below it, (edge[i-1], edge[i]].
+        counts += np.searchsorted(p[:elastic], edges, side="right")
     return PressureDistribution(edges, counts / flat.size, plastic / flat.size)
+
+
+def _edges(
+    pressure: FloatArray, hardness: float, bins: int | Sequence[float] | FloatArray
+) -> FloatArray:
+    """Return the edges of bins in Pa; see `pressure_distribution`."""
+    if isinstance(bins, int | np.integer):
+        if bins < 1:
+            raise InvalidScene(f"bins is {bins}, but at least one is needed")
+        finite = math.isfinite(hardness)
+        largest = hardness
+        if not finite:
+            largest = max(float(pressure.max()), np.finfo(float).tiny)
+        return graded_pressures(largest, int(bins), both_ends=finite)
+    edges = np.asarray(bins, dtype=np.float64)
+    ascending = edges.ndim == 1 and edges.size > 1 and np.all(np.diff(edges) > 0)
+    if not ascending or edges[0] != 0:
+        raise InvalidScene("bins must be a number, or edges in Pa that ascend from 0")
+    return edges
 
 
 @dataclass(frozen=True)
 class EndFit:
-    """P(sigma) near an end, as a function of the distance from it (Pa).
+    """P(sigma) near an end, as a function of the distance from it.
 
-    The straight line of `density` (1/Pa) and `slope` (1/Pa^2) has the area and the mean
-    pressure of the points in a window, with the effect of the grid.  That of
-    `continuum_slope` goes through zero and has the corrected area in it.
+    Attributes:
+        density: in 1/Pa, at the end.
+        slope: in 1/Pa^2.  The straight line of density and slope has the area and the
+            mean pressure of the points in a window, with the effect of the grid.
+        continuum_slope: in 1/Pa^2, of the line through zero that has the corrected area
+            in the window.
     """
 
     density: float
@@ -92,54 +106,66 @@ class EndFit:
 def end_fits(
     pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
 ) -> tuple[EndFit, EndFit]:
-    """Fit P(sigma) near 0 and near the hardness.
+    """Return fits of P(sigma) near 0 and near the hardness.
 
-    window: in Pa, several times the pressure of the points next to the rim, but small
-    beside the width of P, so that the surplus area of the counted rims is within it;
-    areas: (raw, corrected).
+    Args:
+        pressure: in Pa, of any shape.
+        hardness: in Pa.
+        window: in Pa, several times the pressure of the points next to the rim, but
+            small beside the width of P, so that the surplus area of the counted rims is
+            within it.
+        areas: raw and corrected areas as fractions of the nominal area.
     """
-    p = pressure[(pressure > 0) & (pressure < hardness * _ROUNDING)]
+    elastic = pressure[(pressure > 0) & (pressure < hardness * _ROUNDING)]
     raw, corrected = areas
-    surplus = raw.total - corrected.total, corrected.plastic - raw.plastic
-    near, n = (
-        [distance[distance <= window] for distance in (p, hardness - p)],
-        pressure.size,
-    )
-    low, high = (
-        end_fit(some.size / n, float(some.sum()) / n, window, of_grid)
-        for some, of_grid in zip(near, surplus, strict=True)
-    )
-    return low, high
+    fits = []
+    for distance, surplus in (
+        (elastic, raw.total - corrected.total),
+        (hardness - elastic, corrected.plastic - raw.plastic),
+    ):
+        near = distance[distance <= window]
+        area = near.size / pressure.size
+        moment = float(near.sum()) / pressure.size
+        fits.append(end_fit(area, moment, window, surplus))
+    return fits[0], fits[1]
 
 
-def end_fit(share: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
-    """The fit to a share of the nominal area within `window` w (Pa) of an end.
+def end_fit(area: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
+    """Return the fit to the area whose pressures are near an end.
 
-    moment: integral of the distance from the end over that share, Pa; surplus: the part
-    of the share that is due to the grid.  The line has share d w + s w^2/2 and moment d
-    w^2/2 + s w^3/3.
+    The line of density d and slope s has the area d w + s w^2/2 and the moment d w^2/2
+    + s w^3/3 within the window w.
+
+    Args:
+        area: within the window, as a fraction of the nominal area.
+        moment: integral of the distance from the end over this area, in Pa.
+        window: in Pa.
+        surplus: the part of the area that is due to the grid.
     """
-    slope = 12 * moment / window**3 - 6 * share / window**2
-    density = share / window - slope * window / 2
-    return EndFit(density, slope, 2 * (share - surplus) / window**2)
+    slope = 12 * moment / window**3 - 6 * area / window**2
+    density = area / window - slope * window / 2
+    return EndFit(density, slope, 2 * (area - surplus) / window**2)
 
 
-def extrapolated(
+def extrapolate(
     points: FloatArray, values: FloatArray, order: float
 ) -> tuple[float, float]:
-    """(limit, error) of values for ever more points n per wavelength, v = limit + c
-    n^-order.
+    """Return the limit of v = limit + c n^-order for many points n, and its error.
 
-    order: 1/2 for the density of `EndFit`, 1 for raw areas.  The error of the
-    least-squares fit is its standard error, or twice the change of the limit without
-    the coarsest value, whichever is larger; with two values it is the distance of the
-    limit from the finer one.
+    The error is the standard error of the least-squares fit, or twice the change of the
+    limit without the coarsest value, whichever is larger.  With two values it is the
+    distance of the limit from the finer one.
+
+    Args:
+        points: (m,) points per wavelength, in any order.
+        values: (m,) the values on these grids.
+        order: 1/2 for the density of `EndFit`, 1 for raw areas.
     """
     x = points**-order
-    limit, rest = float(np.polyfit(x, values, 1)[1]), x < x.max()
+    finer = x < x.max()
+    limit = float(np.polyfit(x, values, 1)[1])
     if x.size == 2:
-        return limit, float(abs(limit - values[rest][0]))
-    spread = math.sqrt(np.polyfit(x, values, 1, cov=True)[1][1, 1])
-    return limit, max(
-        spread, 2 * abs(limit - float(np.polyfit(x[rest], values[rest], 1)[1]))
-    )
+        return limit, float(abs(limit - values[finer][0]))
+    standard_error = math.sqrt(np.polyfit(x, values, 1, cov=True)[1][1, 1])
+    without_coarsest = float(np.polyfit(x[finer], values[finer], 1)[1])
+    return limit, max(standard_error, 2 * abs(limit - without_coarsest))
