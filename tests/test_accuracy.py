@@ -8,7 +8,7 @@ import pytest
 from as_read import lines_of_chart, lines_of_file, same_as_read
 from command_line import invoke
 
-from epcontact.cli.ledger import _row as row_of_table
+from epcontact.cli.compare_and_accuracy import _ledger_row as row_of_table
 from epcontact.harness import sweep
 from epcontact.persson.validity import theory_map
 from epcontact.studies import STUDIES, conductance

@@ -22,11 +22,11 @@ from command_line import invoke, python
 from conftest import ROUGH
 from rich.console import Console
 
-from epcontact.cli import listing, main
-from epcontact.cli.listing import print_rows
+from epcontact.cli import list_cases, main
 from epcontact.cli.main import COMMANDS, cli
-from epcontact.cli.options import shown_progress
+from epcontact.cli.options import show_progress
 from epcontact.cli.tables import results_table, verdict_table
+from epcontact.cli.terminal import print_rows
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.case_files.text import case_files, case_name, find_cases
 from epcontact.harness.solving.run import run_cases
@@ -89,7 +89,7 @@ def test_lists_load_no_solver(argument):
 def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
     width, monkeypatch
 ):
-    monkeypatch.setattr(listing, "open_console", lambda: Console(width=width))
+    monkeypatch.setattr(list_cases, "open_console", lambda: Console(width=width))
     left_out = "not in a bare verify"
 
     def listed(*words):
@@ -395,7 +395,7 @@ def test_interrupt_while_a_module_is_half_loaded(monkeypatch):
     module = "epcontact.machine"
     monkeypatch.setitem(sys.modules, module, types.ModuleType(module))
     with pytest.raises(KeyboardInterrupt):
-        main._ended(signal.SIGINT, None)
+        main._interrupt(signal.SIGINT, None)
 
 
 FULL = "epcontact: cannot write the output: no space left on device"
@@ -436,7 +436,7 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
 
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
-    monkeypatch.setattr(listing, "case_files", lambda: 1 / 0)
+    monkeypatch.setattr(list_cases, "case_files", lambda: 1 / 0)
     done = invoke("list")
     assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)
     assert done.stderr.splitlines()[-1].startswith("epcontact: ")
@@ -449,7 +449,7 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first)
     """
     clock = [0.0]
     monkeypatch.setattr("rich.console.monotonic", lambda: clock[0])
-    with shown_progress(Run()) as run:
+    with show_progress(Run()) as run:
         for done in range(1, 121):
             reused = done <= 20
             clock[0] += 0.001 if reused else first if done == 21 else 1.0

@@ -14,7 +14,7 @@ from fem_scenes import J2_CASE, rough_scene
 
 import fem_check
 from epcontact import bem
-from epcontact.cli.plans import _seeds
+from epcontact.cli.crosscheck_and_export import _seeds
 from epcontact.crosscheck.model_difference import combined, elements_compliance
 from epcontact.crosscheck.report import crosscheck, error_budget, measured_hardness
 from epcontact.errors import InvalidCase, InvalidScene

@@ -31,7 +31,7 @@ FLOORS = (
 TOKENS = {
     "epcontact": 148,
     "epcontact.bem": 29_582,
-    "epcontact.cli": 9_151,
+    "epcontact.cli": 9_569,
     "epcontact.crosscheck": 3_101,
     "epcontact.errors": 362,
     "epcontact.files": 859,

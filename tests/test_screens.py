@@ -16,7 +16,7 @@ from conftest import SMALL_CASE
 from test_compare import changed_tables
 from test_shown import tree_of, verdict
 
-from epcontact.cli import cases
+from epcontact.cli import run_and_verify
 from epcontact.harness.verdict.judgement import Verdict
 
 #: Numbers may differ by this part of themselves, by the last digit shown, or by this
@@ -227,7 +227,9 @@ def test_verify_of_many_cases(check_screen, capsys):
         shown[-1]._case = SimpleNamespace(
             recipes=(), lists_loads=False, told_hardness=told_hardness
         )
-    cases._show(Verdict.on(shown, "fast"), Path("my results"), False, False)
+    run_and_verify._print_verdict(
+        Verdict.on(shown, "fast"), Path("my results"), False, False
+    )
     check_screen(capsys.readouterr().out)
 
 

@@ -11,7 +11,7 @@ import pytest
 from as_read import lines_of_chart, same_as_read
 
 from epcontact import bem
-from epcontact.cli.studies import _summary
+from epcontact.cli.charts import _summary
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.studies.stability import EXAMINED, MAPS, SIZES, chart, stability, write
 

@@ -18,8 +18,8 @@ from command_line import invoke
 from test_executor import Elsewhere
 
 from epcontact import persson
-from epcontact.cli import plans
-from epcontact.cli.listing import _verified
+from epcontact.cli import sweep as sweep_command
+from epcontact.cli.list_cases import _is_verified
 from epcontact.errors import InvalidCase, NotConverged, OutputError
 from epcontact.harness import sweep
 from epcontact.harness.case_files.axes import SweepTable
@@ -252,7 +252,7 @@ def test_a_long_sweep_shows_its_first_points_and_counts_failures(monkeypatch, tm
         notes={"a note": 2},
         fields={tmp_path / "x.vti": "point 7"},
     )
-    monkeypatch.setattr(plans, "run_sweep", lambda *_, **__: swept)
+    monkeypatch.setattr(sweep_command, "run_sweep", lambda *_, **__: swept)
     done = invoke("sweep", "mine")
     assert done.returncode == 2
     assert done.stdout.count("loading") == 40
@@ -272,7 +272,7 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
     text, _, rest = path.read_text().partition("[[gate]]")
     path.write_text(text + rest[rest.index("[sweep]") :])
     assert len(sweep.read_sweep(path).tasks) == 6
-    assert not _verified(find_case(path), {})
+    assert not _is_verified(find_case(path), {})
     with pytest.raises(InvalidCase, match=r"has no gate to judge; .*`epcontact sweep`"):
         verify(path, output=tmp_path)
 

@@ -1,4 +1,4 @@
-"""The command line: the names of the commands, their exit codes and error sentences.
+"""The command line: names of the commands, exit codes and error sentences.
 
 The exit code is 0 if all gates hold (or the command did its work), 1 if a gate fell
 short, 2 after an error, with one sentence on stderr for each mistake, and 130 after an
@@ -28,25 +28,25 @@ from epcontact.machine import LINEAR_ALGEBRA, single_threads
 
 #: The module of each command, whose function has the name of the command.
 COMMANDS = {
-    "accuracy": "ledger",
-    "chart": "studies",
-    "cite": "show",
-    "compare": "ledger",
-    "crosscheck": "plans",
-    "export": "plans",
-    "gates": "show",
-    "hardness": "plans",
-    "joint": "plans",
-    "keys": "show",
-    "list": "listing",
-    "plan": "plans",
-    "report": "figures",
-    "run": "cases",
-    "schema": "show",
-    "stability": "studies",
-    "sweep": "plans",
-    "verify": "cases",
-    "view": "figures",
+    "accuracy": "compare_and_accuracy",
+    "chart": "charts",
+    "cite": "keys_gates_and_sources",
+    "compare": "compare_and_accuracy",
+    "crosscheck": "crosscheck_and_export",
+    "export": "crosscheck_and_export",
+    "gates": "keys_gates_and_sources",
+    "hardness": "hardness_and_joint",
+    "joint": "hardness_and_joint",
+    "keys": "keys_gates_and_sources",
+    "list": "list_cases",
+    "plan": "plan",
+    "report": "report_and_view",
+    "run": "run_and_verify",
+    "schema": "keys_gates_and_sources",
+    "stability": "charts",
+    "sweep": "sweep",
+    "verify": "run_and_verify",
+    "view": "report_and_view",
 }
 
 
@@ -58,7 +58,7 @@ class _Commands(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a command, or refuse an unknown one and name the nearest."""
+        """Import a command; raise UsageError for an unknown one."""
         if cmd_name not in COMMANDS:
             raise click.UsageError(
                 f"there is no command {cmd_name!r}{nearest(cmd_name, COMMANDS)}"
@@ -73,18 +73,17 @@ class _Commands(click.Group):
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        """Write the first line of each command's docstring, which is read without an
-        import.
+        """Write the first line of each command's docstring.
+
+        The docstrings are read from the sources, without an import of the modules.
         """
-        functions = {
-            f"{file.stem}.{node.name}": (ast.get_docstring(node) or "").partition("\n")[
-                0
-            ]
-            for file in Path(__file__).parent.glob("*.py")
-            for node in ast.parse(file.read_text(encoding="utf-8")).body
-            if isinstance(node, ast.FunctionDef)
-        }
-        lines = [(name, functions[f"{file}.{name}"]) for name, file in COMMANDS.items()]
+        descriptions = {}
+        for file in Path(__file__).parent.glob("*.py"):
+            for node in ast.parse(file.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.FunctionDef):
+                    first_line, *_ = (ast.get_docstring(node) or "").split("\n")
+                    descriptions[file.stem, node.name] = first_line
+        lines = [(name, descriptions[file, name]) for name, file in COMMANDS.items()]
         with formatter.section("Commands"):
             formatter.write_dl(lines)
 
@@ -92,97 +91,118 @@ class _Commands(click.Group):
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="epcontact")
 def cli() -> None:
-    """Cross-validate rough elastoplastic contact: theory, boundary and finite
-    elements.
-    """
+    """Cross-validate rough elastoplastic contact by theory and numerical methods."""
 
 
 def main() -> None:
-    """Run the command line; an intended error is a sentence on stderr and exit code
-    2.
+    """Run the command line and exit.
+
+    An intended error is a sentence on stderr and the exit code 2.
     """
-    signal.signal(signal.SIGTERM, _ended)
-    if (
-        signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    ):  # a job may ignore Ctrl-C
-        signal.signal(signal.SIGINT, _ended)
+    signal.signal(signal.SIGTERM, _interrupt)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)  # unless a job ignores Ctrl-C
+    _prepare_streams()
+    sys.exit(_run(sys.stdout))
+
+
+def _prepare_streams() -> None:
+    """Replace closed standard streams, and show "?" for symbols that they lack."""
     for name in ("stdin", "stdout", "stderr"):
-        if (
-            stream := getattr(sys, name)
-        ) is None:  # closed: no other file must get its number
-            os.set_inheritable(
-                null := os.open(os.devnull, os.O_RDWR), True
-            )  # nor of a child's
+        stream = getattr(sys, name)
+        if stream is None:
+            # No other file may get the number of a closed stream, nor in a child.
+            null = os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(null, True)
             setattr(sys, name, os.fdopen(null, "w"))
-        if isinstance(
-            stream, io.TextIOWrapper
-        ):  # a code page without a symbol shows "?" for it
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    out, code, sentences = sys.stdout, 2, tuple[object, ...]()
+
+
+def _run(output: TextIO) -> int:
+    """Run the command and return the exit code; print errors as sentences.
+
+    `output` is standard output, which click replaces if its reader is gone.
+    """
     try:
-        sys.exit(cli.main(prog_name="epcontact", standalone_mode=False))
+        code = cli.main(prog_name="epcontact", standalone_mode=False)
+        return code if isinstance(code, int) else 0
     except (click.Abort, KeyboardInterrupt):
-        code, sentences = 130, ("interrupted; results finished so far are kept",)
+        _print_sentences("interrupted; results finished so far are kept")
+        return 130
+    except InvalidCase as error:
+        _print_sentences(*error.args)
     except EpcontactError as error:
-        sentences = error.args if isinstance(error, InvalidCase) else (error,)
+        _print_sentences(error)
     except click.exceptions.NoArgsIsHelpError as error:
-        tell(error.format_message())
+        print_error(error.format_message())
     except click.ClickException as error:
-        context = error.ctx if isinstance(error, click.UsageError) else None
-        command = context.command_path if context else "epcontact"
-        sentences = (f"{error.format_message().rstrip('.')} (see {command} --help)",)
+        _print_sentences(_usage_sentence(error))
     except (SystemExit, BrokenPipeError) as end:
         # click and rich turn a closed pipe into exit code 1, which means that a gate
-        # fell short; click replaces the output then.
-        closed = (
-            BrokenPipeError in (type(end), type(end.__context__))
-            or sys.stdout is not out
-        )
-        if not closed:
+        # fell short.
+        is_pipe = BrokenPipeError in (type(end), type(end.__context__))
+        if not is_pipe and sys.stdout is output:
             raise
-        sys.stdout = out
-        forget_output()
+        sys.stdout = output
+        discard_output()
     except Exception as error:
-        sentences = (_unexpected(error),)
+        _print_sentences(_unexpected(error))
+    return 2
+
+
+def _print_sentences(*sentences: object) -> None:
+    """Print sentences on stderr, each on a line that begins with the program's name."""
     for sentence in sentences:
-        tell(f"epcontact: {printable(str(sentence))}")
-    sys.exit(code)
+        print_error(f"epcontact: {printable(str(sentence))}")
+
+
+def _usage_sentence(error: click.ClickException) -> str:
+    """Return the sentence for a mistake on the command line."""
+    command = "epcontact"
+    if isinstance(error, click.UsageError) and error.ctx:
+        command = error.ctx.command_path
+    return f"{error.format_message().rstrip('.')} (see {command} --help)"
 
 
 def _unexpected(error: Exception) -> str:
-    """Return the sentence for a full disk, a name of no file, or a bug, which is
-    traced.
+    """Return the sentence for a full disk, a bad file name, or a bug.
+
+    The traceback of a bug is printed.
     """
-    if (
-        isinstance(error, OSError) and error.errno == errno.ENOSPC
-    ):  # files have OutputError
-        forget_output()
+    number = error.errno if isinstance(error, OSError) else None
+    if number == errno.ENOSPC:  # of standard output; files raise OutputError
+        discard_output()
         return "cannot write the output: no space left on device"
-    if isinstance(error, OSError) and error.errno in (errno.ENAMETOOLONG, errno.EACCES):
-        return f"cannot open {error.filename}: {os.strerror(error.errno).lower()}"
+    if isinstance(error, OSError) and number in (errno.ENAMETOOLONG, errno.EACCES):
+        return f"cannot open {error.filename}: {os.strerror(number).lower()}"
     traceback.print_exc()
     return "this is a bug in epcontact; please report it"
 
 
-def tell(sentence: str) -> None:
-    """Print a sentence on stderr; that nobody can read it there is no error."""
+def print_error(sentence: str) -> None:
+    """Print a sentence on stderr; a closed stderr is no error."""
     try:
         click.echo(sentence, err=True)
     except OSError:
-        forget_output(sys.stderr)
+        discard_output(sys.stderr)
 
 
-def forget_output(stream: TextIO | None = None) -> None:
-    """Discard further output: it is full or a closed pipe, and exit would flush into it
-    again.
+def discard_output(stream: TextIO | None = None) -> None:
+    """Discard further output to a stream, by default standard output.
+
+    A stream that is full, or a closed pipe, would raise again when the process ends.
     """
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
-def _ended(number: int, _: object) -> None:
-    """End the command, but not in the middle of a compilation, see `machine`."""
-    # It is loaded with the first solver, and may be half loaded now.
+def _interrupt(number: int, _: object) -> None:
+    """End the command by KeyboardInterrupt, but not in the middle of a compilation.
+
+    During a compilation (see `machine`) the signal is raised again after a moment.
+    """
+    # The module is loaded with the first solver, and may be half loaded now.
     compiling = getattr(sys.modules.get("epcontact.machine"), "compiling", None)
     if compiling is None or not compiling():
         raise KeyboardInterrupt

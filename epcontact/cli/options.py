@@ -1,4 +1,4 @@
-"""The options that several commands share, and the way they show progress."""
+"""The options that several commands share, and the display of progress."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
-from epcontact.cli.main import tell
+from epcontact.cli.main import print_error
 from epcontact.harness.case_files.case import SIZES
 from epcontact.harness.solving.tasks import Run
 
@@ -32,15 +33,15 @@ size = click.option(
     show_default=True,
     help="Which of a case's sizes to run; auto: the cheapest that its gates allow.",
 )
-own_size = click.option(
+case_size = click.option(
     "--size", type=click.Choice(SIZES), default="fast", show_default=True
 )
 folder = functools.partial(
     click.option, "--output", type=click.Path(path_type=Path), show_default=True
 )
 
-#: The options that make a `Run`, by its attributes.
-_OF_RUN = {
+#: The options of a `Run`, by the names of its attributes.
+_RUN_OPTIONS = {
     "jobs": click.option(
         "--jobs",
         type=click.IntRange(min=1),
@@ -50,7 +51,8 @@ _OF_RUN = {
     ),
     "output": folder(
         default=Path("results"),
-        help="Folder for results; existing results of the same scene and sources are reused.",
+        help="Folder for results; existing results of the same scene and sources are "
+        "reused.",
     ),
     "fresh": click.option(
         "--fresh", is_flag=True, help="Solve again even if a result exists."
@@ -59,53 +61,63 @@ _OF_RUN = {
         "--executor",
         default="",
         metavar="MODULE:FUNCTION",
-        help="Solve on the workers of the concurrent.futures.Executor that the function returns, "
-        "such as epcontact.harness.cluster:dask. --jobs is then how many solves share the cores of "
-        "a worker, by default 1.",
+        help="Solve on the workers of the concurrent.futures.Executor that the "
+        "function returns, such as epcontact.harness.cluster:dask. --jobs is then how "
+        "many solves share the cores of a worker, by default 1.",
     ),
     "precision": click.option(
         "--precision",
         type=click.Choice(["single", "double"]),
         default="single",
         show_default=True,
-        help="Of the fields in .vti files: single keeps seven digits, double all at twice the "
-        "size.",
+        help="Of the fields in .vti files: single keeps seven digits, double all at "
+        "twice the size.",
     ),
 }
 fields = click.option(
     "--fields",
     type=click.Choice(["first", "all", "steps", "film", "none"]),
     default=None,
-    help="Write the fields (.vti) of the first surface, of all of them, or of none; steps: of the "
-    "first one at every load, with the body of the finite elements (.vtu) and a collection (.pvd); "
-    "film: draw these loads as a .gif, too.  Default: first; of verify none, or first with "
-    "--report.",
+    help="Write the fields (.vti) of the first surface, of all of them, or of none; "
+    "steps: of the first one at every load, with the body of the finite elements "
+    "(.vtu) and a collection (.pvd); film: draw these loads as a .gif, too.  Default: "
+    "first; of verify none, or first with --report.",
 )
 
 
-def of_run(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of these names, and hand them to it as one `Run`, its
-    `run`.
+def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options of a `Run`.
+
+    The command receives one argument `run` instead of these options.
+
+    Args:
+        names: Names of the attributes of `Run` that have options.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
-        def handed(**given: Any) -> None:
-            command(run=Run(**{name: given.pop(name) for name in names}), **given)
+        def call(**arguments: Any) -> None:
+            run = Run(**{name: arguments.pop(name) for name in names})
+            command(run=run, **arguments)
 
+        decorated: Callable[..., None] = call
         for name in reversed(names):
-            handed = _OF_RUN[name](handed)
-        return handed
+            decorated = _RUN_OPTIONS[name](decorated)
+        return decorated
 
     return decorate
 
 
-#: Less time than this many seconds is not worth a note.
+#: Shorter remaining times, in s, are not shown.
 _SOON = 10
 
 
 class _Bar(Progress):
-    """The bar, and above it what is known already, in so many lines."""
+    """A progress bar below a table.
+
+    Attributes:
+        above: Returns the table for a number of lines and columns; None: no table.
+    """
 
     above: Callable[[int, int], RenderableType] | None = None
 
@@ -117,50 +129,63 @@ class _Bar(Progress):
 
 
 @contextlib.contextmanager
-def shown_progress(
+def show_progress(
     run: Run, above: Callable[[int, int], RenderableType] | None = None
 ) -> Iterator[Run]:
-    """Show the progress of a run on stderr: a bar on a terminal, elsewhere a line a
-    solve.
+    """Show the progress of a run on stderr and yield the run that reports it.
+
+    A terminal shows a bar; a pipe gets a line for each solve.
+
+    Args:
+        run: The run.
+        above: Returns what a terminal shows above the bar, for a number of lines and
+            columns.
     """
     console = Console(stderr=True)
-    terminal = console.is_terminal
-    columns = (
+    is_terminal = console.is_terminal
+    bar = _Bar(
         "{task.description}",
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-    )
-    # The time left is estimated from all solves of a day, which may take longer than
-    # rich's 30 s.
-    bar = _Bar(
-        *columns,
         "left",
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not terminal,
+        disable=not is_terminal,
+        # The remaining time follows from all solves of a day, because a solve may take
+        # longer than the 30 s that rich looks back.
         speed_estimate_period=86400,
     )
     bar.above = above
     # A disabled bar of an older rich ends with an empty line.
-    with bar if terminal else contextlib.nullcontext():
-        row, solved = bar.add_task("solving", total=None), 0
+    with bar if is_terminal else contextlib.nullcontext():
+        line = bar.add_task("solving", total=None)
+        solves = 0
 
-        def show(done: float, total: int, words: str) -> None:
-            nonlocal solved
-            # What is reused says nothing about the time of a solve, and the first
-            # solves compile: the estimate is that of the last half of the solves or
-            # more.
-            solved += bool(words) and not words.endswith("(reused)")
-            if words.endswith("(reused)") or (words and not solved & (solved - 1)):
-                bar.reset(row, completed=int(done), total=total, description=words)
+        def report(done: float, total: int, words: str) -> None:
+            nonlocal solves
+            is_reused = words.endswith("(reused)")
+            if words and not is_reused:
+                solves += 1
+            # A reused result says nothing about the time of a solve, and the first
+            # solves compile.  So the estimate begins again after each reused result and
+            # when the number of solves has doubled.
+            has_doubled = not solves & (solves - 1)
+            if is_reused or (words and has_doubled):
+                bar.reset(line, completed=int(done), total=total, description=words)
             else:
-                bar.update(row, completed=done, total=total, description=words or None)
-            if words and not terminal:
-                left = bar.tasks[row].time_remaining if done < total else None
-                about = timedelta(seconds=math.ceil(left or 0))
-                note = f" (about {about} left)" if left and left >= _SOON else ""
-                tell(f"[{done}/{total}] {words}{note}")
+                bar.update(line, completed=done, total=total, description=words or None)
+            if words and not is_terminal:
+                remaining = _remaining_time(bar, line) if done < total else ""
+                print_error(f"[{done}/{total}] {words}{remaining}")
 
-        yield replace(run, progress=show)
+        yield replace(run, progress=report)
+
+
+def _remaining_time(bar: Progress, line: TaskID) -> str:
+    """Return the estimated remaining time in words; empty if unknown or short."""
+    seconds = bar.tasks[line].time_remaining
+    if not seconds or seconds < _SOON:
+        return ""
+    return f" (about {timedelta(seconds=math.ceil(seconds))} left)"

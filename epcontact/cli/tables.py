@@ -1,4 +1,4 @@
-"""Answers and verdicts as tables for a terminal."""
+"""Results and verdicts as tables for a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from epcontact.cli.listing import WIDE, fitting, table_of
+from epcontact.cli.terminal import WIDE, fit_table, new_table, print_sentence
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.solving.method_results import MethodResults, load_rows
@@ -18,157 +18,199 @@ from epcontact.harness.verdict.overview import margin_text
 from epcontact.output.loads import Row, load_cells
 from epcontact.results import COLUMNS
 
+#: The style of each status of a case or gate.
 STYLES = {
     "holds": "green",
     "falls short": "bold red",
     "error": "bold red",
     "skipped": "yellow",
 }
+#: Columns of the cases' table beside the requirement.
+_BESIDE_REQUIREMENT = 110
 
 
 def loads_table(
-    found: Mapping[str, tuple[Sequence[Row], str]],
-    of: str,
+    loads: Mapping[str, tuple[Sequence[Row], str]],
+    kind: str,
     width: int = WIDE,
     **units: str,
 ) -> Table:
-    """Tabulate rows of loads by what they are `of`, such as a method, each with a last
-    remark; in fewer columns than WIDE a line for each figure.  The elastic area is left
-    to the files.
+    """Return a table of the loads of several results.
+
+    A terminal with fewer columns than WIDE gets a line for each cell.  The elastic area
+    is left out, because it is in the files.
+
+    Args:
+        loads: For each name the rows of its loads and the text of the last column.
+        kind: What the names are, such as "method".
+        width: Columns of the terminal.
+        units: Units of further columns.
     """
-    rows = [row for each, _ in found.values() for row in each]
-    names = [(name, said) for name, (each, said) in found.items() for _ in each]
-    shown = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
-    titles, *cells = load_cells(rows, {**shown, **units})
-    titles = [of, *titles, "surfaces"]
-    table = table_of(titles[:2], titles[2:])
-    for (name, said), texts in zip(names, cells, strict=True):
-        line, wide = (name, *texts, said), width >= WIDE
-        table.add_row(
-            *(x.replace(", ", "\n").replace(" ±", "\n±") if wide else x for x in line)
-        )
-    return fitting(table, width, WIDE)
+    columns = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
+    all_rows = [row for rows, _ in loads.values() for row in rows]
+    titles, *cells = load_cells(all_rows, {**columns, **units})
+    first_title, *other_titles = titles
+    table = new_table((kind, first_title), (*other_titles, "surfaces"))
+    lines = iter(cells)
+    for name, (rows, last) in loads.items():
+        for _ in rows:
+            texts = [name, *next(lines), last]
+            if width >= WIDE:
+                texts = [x.replace(", ", "\n").replace(" ±", "\n±") for x in texts]
+            table.add_row(*texts)
+    return fit_table(table, width, WIDE)
 
 
 def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Table:
-    """Tabulate each load of each method: what is known of it, and how sure that is."""
-    found = {name: answer for name, answer in results.items() if answer.results}
-    rows = {m: (load_rows(a.results), f"{len(a.results)}") for m, a in found.items()}
-    return loads_table(rows, "method", width)
+    """Return a table of each load of each method, with errors."""
+    loads = {}
+    for name, method in results.items():
+        if method.results:
+            loads[name] = (load_rows(method.results), str(len(method.results)))
+    return loads_table(loads, "method", width)
 
 
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
-    """Tabulate the cases, one in each row, each with the gate that is nearest to its
-    band's end, or that could not be judged; in WIDE columns with what it requires, as
-    far as there is room.
+    """Return a table of cases, each with its tightest gate.
+
+    That is the gate nearest to the end of its band, or one that could not be judged.  A
+    terminal of WIDE columns also shows the requirement, as far as there is room.
     """
-    table = table_of(("case", "verdict"), ("gates", "margin"))
-    table.add_column("tightest gate", overflow="fold", no_wrap=width >= WIDE)
-    if width >= WIDE:
-        table.add_column("requirement", no_wrap=True, max_width=width - 110)
+    is_wide = width >= WIDE
+    table = new_table(("case", "verdict"), ("gates", "margin"))
+    table.add_column("tightest gate", overflow="fold", no_wrap=is_wide)
+    if is_wide:
+        room = width - _BESIDE_REQUIREMENT
+        table.add_column("requirement", no_wrap=True, max_width=room)
     for case in cases:
-        row: list[str | Text] = [case.id, _styled(case.status), f"{len(case.gates)}"]
-        if gate := tightest(case.gates):
-            row += [margin_text(gate), Text(f"{gate.quantity} of {gate.of}")]
-        row += [""] * (5 - len(row)) + [Text(case.requirement)] * (width >= WIDE)
+        margin = ""
+        name = Text("")
+        gate = tightest(case.gates)
+        if gate:
+            margin = margin_text(gate)
+            name = Text(f"{gate.quantity} of {gate.of}")
+        count = str(len(case.gates))
+        row: list[str | Text] = [case.id, _styled(case.status), count, margin]
+        row.append(name if gate else "")
+        if is_wide:
+            row.append(Text(case.requirement))
         table.add_row(*row)
-    return fitting(table, width)
+    return fit_table(table, width)
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
-    """Tabulate the gates, one in each row; in fewer columns than WIDE without their
-    values.
+    """Return a table of the gates of cases.
+
+    A terminal with fewer columns than WIDE gets no values and references.
     """
-    wide = width >= WIDE
-    names = (
-        ("case", "quantity", "of", "against", "value", "reference")
-        if wide
-        else ("gate",)
-    )
-    table = table_of(names, ("difference", "band"))
-    table.columns[-1].no_wrap = wide
+    table = _wide_gates(cases) if width >= WIDE else _narrow_gates(cases)
+    return fit_table(table, width)
+
+
+def _wide_gates(cases: Sequence[CaseVerdict]) -> Table:
+    """Return the table of gates with their values and references."""
+    texts = ("case", "quantity", "of", "against", "value", "reference")
+    table = new_table(texts, ("difference", "band"))
+    table.columns[-1].no_wrap = True
     table.add_column("verdict", no_wrap=True)
     for case in cases:
-        skipped = (_styled(case.status),) if case.skipped_because else ()
-        if skipped or not wide:
-            blank = [""] * (len(table.columns) - 1 - len(skipped))
-            table.add_row(f"[bold]{case.id}[/]", *blank, *skipped)
-        for number, gate in enumerate(case.gates):
-            row = _gate_row(gate)
-            if wide:
-                table.add_row("" if number else case.id, *row)
-            else:
-                quantity, of, against, _, _, *judged = row
-                gate_of = Padding(f"{quantity} of {of} against {against}", (0, 0, 0, 2))
-                table.add_row(gate_of, *judged)
-    return fitting(table, width)
+        if case.skipped_because:
+            blank = [""] * (len(table.columns) - 2)
+            table.add_row(f"[bold]{case.id}[/]", *blank, _styled(case.status))
+        name = case.id
+        for gate in case.gates:
+            table.add_row(name, *_gate_row(gate))
+            name = ""
+    return table
+
+
+def _narrow_gates(cases: Sequence[CaseVerdict]) -> Table:
+    """Return the table of gates without their values and references."""
+    table = new_table(("gate",), ("difference", "band"))
+    table.add_column("verdict", no_wrap=True)
+    for case in cases:
+        status = _styled(case.status) if case.skipped_because else ""
+        table.add_row(f"[bold]{case.id}[/]", "", "", status)
+        for gate in case.gates:
+            quantity, of, against, _, _, difference, band, verdict = _gate_row(gate)
+            name = Padding(f"{quantity} of {of} against {against}", (0, 0, 0, 2))
+            table.add_row(name, difference, band, verdict)
+    return table
 
 
 def _styled(status: str) -> str:
+    """Return a status in its colour, as rich's markup."""
     return f"[{STYLES[status]}]{status}[/]"
 
 
 def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
+    """Return the eight cells of a gate.
+
+    They are quantity, of, against, value, reference, difference, band and verdict.
+    """
     against = gate.against if isinstance(gate.against, str) else "number"
     norm = "" if gate.norm in ("relative", "absolute") else f" ({gate.norm})"
     names = (gate.quantity + norm, gate.of, against)
     if gate.value is None or gate.reference is None or gate.difference is None:
         return (*names, "", "", "", "", _styled(gate.status))
-    percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
+    values = (shown_estimate(gate.value), shown_estimate(gate.reference))
+    in_percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
 
     def show(x: float, digits: int = 2) -> str:
-        return f"{100 * x:+.{digits}f} %" if percent else f"{x:+.{digits}e}"
+        return f"{100 * x:+.{digits}f} %" if in_percent else f"{x:+.{digits}e}"
 
     difference = show(gate.difference.mean)
     if gate.half_width:
         difference += f" ± {show(gate.half_width).lstrip('+')}"
     # The fewest digits that distinguish the ends of a narrow band.
-    apart = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
-    digits = next(apart, 2)
+    sufficient = (n for n in range(2, 12) if show(gate.low, n) != show(gate.high, n))
+    digits = next(sufficient, 2)
     band = f"{show(gate.low, digits)} … {show(gate.high, digits)}"
     if gate.low == -gate.high:
         band = f"± {show(gate.high)[1:]}"
-    values = (shown_estimate(gate.value), shown_estimate(gate.reference))
     return (*names, *values, difference, band, _styled(gate.status))
 
 
 def gamma_sentence(case: Case) -> str:
-    """Return the sentence on the theory's energy reduction; empty if no method is the
-    theory.
-    """
-    options = [case.options[method] for method in case.methods]
-    gammas = [o["energy_reduction"] for o in options if "energy_reduction" in o]
-    return f"theory with energy reduction gamma = {gammas[0]:g}" if gammas else ""
+    """Return the sentence on the theory's energy reduction; "" without the theory."""
+    for method in case.methods:
+        gamma = case.options[method].get("energy_reduction")
+        if gamma is not None:
+            return f"theory with energy reduction gamma = {gamma:g}"
+    return ""
 
 
 def shown_estimate(estimate: Estimate) -> str:
     """Return a mean, with the half-width of its interval if it has one."""
-    half = f" ± {estimate.half_width:.2g}" if estimate.half_width else ""
-    return f"{estimate.mean:.5g}{half}"
+    mean = f"{estimate.mean:.5g}"
+    if estimate.half_width:
+        return f"{mean} ± {estimate.half_width:.2g}"
+    return mean
 
 
 def print_surface_notes(
     console: Console, case: Case, results: Mapping[str, MethodResults]
 ) -> None:
-    """Print what was done to the surfaces of a case, and what to beware of."""
-    notes = [result.notes for answer in results.values() for result in answer.results]
-    for note in notes[0] if notes else ():
+    """Print the notes that all results of a case share: those on its surfaces."""
+    notes = []
+    for method in results.values():
+        notes += [result.notes for result in method.results]
+    if not notes:
+        return
+    for note in notes[0]:
         if all(note in others for others in notes):
-            print_hanging(console, f"{case.id}: {note}")
+            print_sentence(console, f"{case.id}: {note}")
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
     """Print why a case was skipped, the gates that do not hold, and each error once."""
-    first = {gate.error or gate.name: gate for gate in reversed(case.gates)}
-    failed = [g for g in case.gates if not g.holds and first[g.error or g.name] is g]
-    for sentence in filter(None, (case.skipped_because, *failed, *case.unread_errors)):
-        print_hanging(console, f"{case.id}: {sentence}")
-
-
-def print_hanging(console: Console, sentence: str) -> None:
-    """Print a sentence, on a terminal in lines of whole words of which the further are
-    indented.
-    """
-    width = console.width - 2 if console.is_terminal else 2 * len(sentence)
-    for number, line in enumerate(Text(sentence).wrap(console, width)):
-        console.print(Text("  " * bool(number)) + line, soft_wrap=True)
+    if case.skipped_because:
+        print_sentence(console, f"{case.id}: {case.skipped_because}")
+    printed = set()
+    for gate in case.gates:
+        reason = gate.error or gate.name
+        if not gate.holds and reason not in printed:
+            printed.add(reason)
+            print_sentence(console, f"{case.id}: {gate}")
+    for error in case.unread_errors:
+        print_sentence(console, f"{case.id}: {error}")

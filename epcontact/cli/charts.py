@@ -9,12 +9,12 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from epcontact.cli.listing import table_of
-from epcontact.cli.main import tell
+from epcontact.cli.main import print_error
 from epcontact.cli.options import folder
+from epcontact.cli.terminal import new_table
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
-from epcontact.studies import stability as maps_of_methods
+from epcontact.studies import stability as stability_maps
 
 _full = click.option(
     "--full", is_flag=True, help="Minutes instead of seconds, and finer."
@@ -29,26 +29,24 @@ _full = click.option(
 )
 @folder(default=Path("charts"))
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
-    """Draw charts of accuracy against cost by NAME (none: the list), with data and
-    captions.
-    """
+    """Draw the charts of the studies NAMES with data and captions; none: list them."""
     wanted = (*names, "peers") if peers else names
-    unknown = [name for name in wanted if name not in STUDIES]
-    if unknown:
-        raise InvalidCase(
-            f"no chart is called {unknown[0]!r}; there are {', '.join(STUDIES)}"
-        )
+    for name in wanted:
+        if name not in STUDIES:
+            raise InvalidCase(
+                f"no chart is called {name!r}; there are {', '.join(STUDIES)}"
+            )
     if not wanted:
-        table = table_of(("chart", "shows"))
+        table = new_table(("chart", "shows"))
         for study in STUDIES.values():
             table.add_row(study.name, study.description)
         Console().print(table)
     for name in dict.fromkeys(wanted):
-        charts = STUDIES[name].run(tell, full=full)
+        charts = STUDIES[name].run(print_error, full=full)
         for path in save_charts(name, charts, output):
             click.echo(path)
-        for one in charts:
-            click.echo(one.caption)
+        for drawn in charts:
+            click.echo(drawn.caption)
 
 
 @click.command()
@@ -56,22 +54,23 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
 @_full
 @folder(default=Path("stability"))
 def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
-    """Sweep loads and hardnesses and map the convergence and speed of each method.
+    """Sweep loads and hardnesses; map where each method converges and how fast.
 
     MAPS are some of capped, elastic, theory and fem; all of them where none is named.
     """
     size = "full" if full else "coarse"
-    found = maps_of_methods.stability(maps, size, say=tell)
-    for path in maps_of_methods.write(found, size, output):
+    points = stability_maps.stability(maps, size, say=print_error)
+    for path in stability_maps.write(points, size, output):
         click.echo(path)
-    Console().print(_summary(found))
+    Console().print(_summary(points))
 
 
-def _summary(found: pd.DataFrame) -> Table:
-    """Tabulate points, failures and the largest effort of each method."""
-    table = table_of(("map", "method"), ("points", "failures", "largest effort"))
-    for key, mine in found.groupby(["map", "method"], sort=False):
-        failed = int((~mine["converged"]).sum())
-        shown = f"[bold red]{failed}[/]" if failed else "0"
-        table.add_row(*key, str(len(mine)), shown, f"{mine['effort'].max():g}")
+def _summary(points: pd.DataFrame) -> Table:
+    """Return a table of points, failures and the largest effort of each method."""
+    table = new_table(("map", "method"), ("points", "failures", "largest effort"))
+    for (name, method), group in points.groupby(["map", "method"], sort=False):
+        failures = int((~group["converged"]).sum())
+        shown = f"[bold red]{failures}[/]" if failures else "0"
+        effort = f"{group['effort'].max():g}"
+        table.add_row(name, method, str(len(group)), shown, effort)
     return table

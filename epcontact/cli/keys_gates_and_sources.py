@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from epcontact.cli.listing import open_console, print_rows
-from epcontact.cli.options import folder, own_size
+from epcontact.cli.options import case_size, folder
+from epcontact.cli.terminal import open_console, print_rows
 from epcontact.harness.case_files.case import (
     find_case,
     find_cases,
@@ -27,10 +27,8 @@ from epcontact.results import plain
 
 @click.command()
 def keys() -> None:
-    """Print every key of a case file, and every quantity of a gate, with unit and
-    meaning.
-    """
-    quantities = [(one.name, one.unit, one.meaning) for one in QUANTITIES.values()]
+    """Print every key of a case file and every quantity of a gate, with its unit."""
+    quantities = [(q.name, q.unit, q.meaning) for q in QUANTITIES.values()]
     console = open_console()
     print_rows(console, ("table", "key", "default", "meaning"), key_table())
     console.print()
@@ -41,17 +39,15 @@ def keys() -> None:
 @click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
-    found = case_schema() if kind == "case" else Verdict.model_json_schema()
-    click.echo(json.dumps(plain(found), indent=2, allow_nan=False))
+    content = case_schema() if kind == "case" else Verdict.model_json_schema()
+    click.echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
 @click.command()
 @click.argument("case")
-@own_size
+@case_size
 def cite(case: str, size: str) -> None:
-    """Print what a case's results rest on: sources, papers by DOI, versions of the
-    software.
-    """
+    """Print the sources, papers and software versions that a case rests on."""
     for line in citation(load_case(find_case(case), size)):
         click.echo(line)
 
@@ -62,35 +58,34 @@ def cite(case: str, size: str) -> None:
     default=Path("results"), help="Folder of the verification whose margins are shown."
 )
 def gates(cases: tuple[str, ...], output: Path) -> None:
-    """List every gate's band, margin and reason.
+    """List the band, margin and reason of every gate.
 
     The margin is that of the verdict in the output folder: the band over the difference
     and its interval.
     """
     margins = _margins(output / "verdict.json")
     named = [text for name in cases for text in find_named(name)]
-    rows = [
-        (
-            text.id,
-            size,
-            gate.name,
-            f"{gate.low:g} … {gate.high:g}",
-            margin,
-            gate.because,
-        )
-        for text in named or find_cases()
-        for size in text.sizes
-        for gate in load_case(text, size).gates
-        for margin in [margins.get((text.id, size, gate.name), "–")]
-    ]
+    rows = []
+    for text in named or find_cases():
+        for size in text.sizes:
+            for gate in load_case(text, size).gates:
+                margin = margins.get((text.id, size, gate.name), "–")
+                band = f"{gate.low:g} … {gate.high:g}"
+                rows.append((text.id, size, gate.name, band, margin, gate.because))
     console = Console(width=None if sys.stdout.isatty() else 300)
     print_rows(console, ("case", "size", "gate", "band", "margin", "because"), rows)
 
 
 def _margins(file: Path) -> dict[tuple[str, str, str], str]:
-    return {
-        (case.id, case.size, gate.name): margin_text(gate)
-        for case in (Verdict.read(file).cases if file.exists() else ())
-        for gate in case.gates
-        if gate.difference is not None
-    }
+    """Return the margin of each judged gate of a verdict by case, size and name.
+
+    There is none if the file does not exist.
+    """
+    if not file.exists():
+        return {}
+    margins = {}
+    for case in Verdict.read(file).cases:
+        for gate in case.gates:
+            if gate.difference is not None:
+                margins[case.id, case.size, gate.name] = margin_text(gate)
+    return margins

@@ -22,8 +22,9 @@ _file = click.Path(path_type=Path, dir_okay=False)
     "--output", type=_file, help="Page to write; else report.html in the folder."
 )
 def report(folder: Path, output: Path | None) -> None:
-    """Make one self-contained page of a verification run, with pictures, from its
-    output FOLDER.
+    """Write one self-contained page of the verification run in FOLDER.
+
+    FOLDER is the output folder of `epcontact verify`.
     """
     verdict = Verdict.read(folder / "verdict.json")
     page = report_folder(
@@ -39,13 +40,14 @@ def report(folder: Path, output: Path | None) -> None:
     "--map",
     "contact_map",
     type=_file,
-    help="Draw contact state and pressure from above, as a .png; a name without an ending gives "
-    "the picture, its data and a caption.",
+    help="Draw contact state and pressure from above, as a .png; a name without an "
+    "ending gives the picture, its data and a caption.",
 )
 @click.option(
     "--against",
     type=click.Path(path_type=Path),
-    help="With --screenshot: draw the pressures of RESULT and of this one, and their difference.",
+    help="With --screenshot: draw the pressures of RESULT and of this one, and their "
+    "difference.",
 )
 @click.option(
     "--film",
@@ -63,21 +65,23 @@ def view(
     film: Path | None,
     factor: float | None,
 ) -> None:
-    """Show the fields of a result in three dimensions: .vti, .vtu, .pvd, or a method's
-    .json.
+    """Show the fields of a result in three dimensions.
+
+    RESULT is a .vti, .vtu or .pvd file, or the .json file of a method.
     """
     if against is not None and screenshot is None:
         raise click.UsageError("--against draws to a file; give --screenshot too")
     if contact_map is not None:
         save_map(viewing.find_result(result), contact_map)
+        click.echo(f"map in {contact_map}")
     if film is not None:
         viewing.animate([result], film, factor=factor)
-    if against is not None and screenshot is not None:
-        viewing.compare(result, against, screenshot)
-    elif screenshot is not None:
-        viewing.screenshot(result, screenshot, factor=factor)
-    elif contact_map is None and film is None:
+        click.echo(f"film in {film}")
+    if screenshot is not None:
+        if against is None:
+            viewing.screenshot(result, screenshot, factor=factor)
+        else:
+            viewing.compare(result, against, screenshot)
+        click.echo(f"picture in {screenshot}")
+    if screenshot is None and contact_map is None and film is None:
         viewing.show(result, factor=factor)
-    for what, file in (("map", contact_map), ("film", film), ("picture", screenshot)):
-        if file is not None:
-            click.echo(f"{what} in {file}")

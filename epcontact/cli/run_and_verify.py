@@ -1,19 +1,21 @@
-"""The commands that solve: run and verify."""
+"""The commands that solve cases: run and verify."""
 
 from __future__ import annotations
 
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
+from rich.console import Console
 from rich.table import Table
 
 from epcontact.cli import options, tables
-from epcontact.cli.listing import open_console
-from epcontact.cli.main import forget_output, tell
+from epcontact.cli.main import discard_output, print_error
+from epcontact.cli.terminal import open_console, print_sentence
 from epcontact.errors import EpcontactError
 from epcontact.files import require_links_inside
 from epcontact.harness.case_files.case import (
@@ -45,7 +47,7 @@ from epcontact.surfaces import HeightsFromFile, Mirrored
     help="Only this method; may be repeated. Default: all that the case names.",
 )
 @options.size
-@options.of_run("jobs", "output", "fresh", "precision")
+@options.run_options("jobs", "output", "fresh", "precision")
 @options.fields
 @click.option(
     "--charts", is_flag=True, help="Draw charts, which take as long as a large solve."
@@ -60,32 +62,25 @@ def run(
 ) -> None:
     """Solve one case and write its results and fields; no gate is judged."""
     loaded = _load(find_case(case), size)
-    if absent := [m for m in methods if m not in loaded.methods]:
-        raise click.UsageError(
-            f"{loaded.id} has no method {absent[0]}; it has {', '.join(loaded.methods)}"
-        )
+    for method in methods:
+        if method not in loaded.methods:
+            raise click.UsageError(
+                f"{loaded.id} has no method {method}; it has "
+                f"{', '.join(loaded.methods)}"
+            )
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    run = replace(
-        run, fields="steps" if fields == "film" else fields or "first", rows=True
-    )
-    with options.shown_progress(run) as shown:
-        results = run_cases([chosen], shown)[loaded.id]
+    run = replace(run, fields=_fields_of_run(fields or "first"), rows=True)
+    with options.show_progress(run) as reporting:
+        results = run_cases([chosen], reporting)[loaded.id]
     console = open_console()
     console.print(tables.results_table(results, console.width))
     tables.print_surface_notes(console, chosen, results)
-    theory = results["persson"].results[:1] if {"persson"} < results.keys() else ()
-    told = (
-        tables.gamma_sentence(chosen),
-        *(r.notes[-1] for r in theory),
-        chosen.told_hardness,
-    )
-    for sentence in filter(None, told):
-        tables.print_hanging(console, str(sentence))
-    if errors := [
-        sentence for method in results.values() for sentence in method.errors
-    ]:
+    for sentence in _sentences_on_models(chosen, results):
+        print_sentence(console, sentence)
+    errors = [error for method in results.values() for error in method.errors]
+    if errors:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
         _draw(chosen, results, run.folder)
@@ -94,17 +89,32 @@ def run(
     click.echo(f"results in {chosen.folder(run.folder)}")
 
 
+def _fields_of_run(fields: str) -> str:
+    """Return the fields that are written; a film is drawn from those of every load."""
+    return "steps" if fields == "film" else fields
+
+
+def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> list[str]:
+    """Return sentences on the theory's gamma and its error, and on the hardness."""
+    sentences = [tables.gamma_sentence(case)]
+    if "persson" in results and len(results) > 1:
+        for result in results["persson"].results[:1]:
+            sentences.append(result.notes[-1])
+    sentences.append(str(case.told_hardness or ""))
+    return [sentence for sentence in sentences if sentence]
+
+
 @click.command()
 @click.argument("cases", nargs=-1)
 @options.size
-@options.of_run("jobs", "output", "fresh", "executor", "precision")
+@options.run_options("jobs", "output", "fresh", "executor", "precision")
 @click.option(
     "--solver",
     default="",
     metavar="[NAME=]SOLVER",
     help="Judge another solver by the gates instead of bem, in a process of its own: "
-    "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a command in any "
-    "language with the placeholders {scene} and {result}.",
+    "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a "
+    "command in any language with the placeholders {scene} and {result}.",
 )
 @click.option(
     "--report", "with_report", is_flag=True, help="Write charts and report.html too."
@@ -138,94 +148,118 @@ def verify(
     """
     output = run.folder
     given: Sequence[str | Case] = cases
-    fields = fields or ("first" if with_report else "none")
     if size == "auto":
         delete_verdict(output)
-        named = [case for name in cases for case in find_named(name)]
-        given = [
-            _load(case, size) for case in named or verifying.cases_to_verify("fast")
-        ]
-    run = replace(run, fields="steps" if fields == "film" else fields)
+        given = _load_auto(cases)
+    fields = fields or ("first" if with_report else "none")
+    run = replace(run, fields=_fields_of_run(fields))
     if with_report:
         require_links_inside(output)  # the report would refuse them after all solves
 
     def draw(verdict: Verdict) -> None:
+        """Draw films and the report of a verdict, as the options ask."""
         if fields == "film":
-            for judged in verdict.cases:
-                _draw_films(judged.case, output)
+            for judged_case in verdict.cases:
+                _draw_films(judged_case.case, output)
         if with_report:
             _write_report(verdict, output)
 
     judged: list[CaseVerdict] = []
 
-    def live(lines: int, width: int) -> Table:  # those that do not hold stay in sight
-        return tables.cases_table(
-            sorted(judged, key=lambda c: c.status != "holds")[-lines:], width
-        )
+    def live_table(lines: int, width: int) -> Table:
+        """Return the table of the last cases; those that do not hold stay in sight."""
+        by_status = sorted(judged, key=lambda case: case.status != "holds")
+        return tables.cases_table(by_status[-lines:], width)
 
-    with options.shown_progress(run, live) as shown:
+    with options.show_progress(run, live_table) as reporting:
         verdict = verifying.verify(
-            given, shown, size=size, solver=solver, finish=draw, judged=judged.append
+            given,
+            reporting,
+            size=size,
+            solver=solver,
+            finish=draw,
+            judged=judged.append,
         )
     try:
-        _show(verdict, output, all_gates, with_report)
-    except (
-        BrokenPipeError,
-        SystemExit,
-    ):  # nobody reads on; the verdict is the exit code
-        forget_output()
+        _print_verdict(verdict, output, all_gates, with_report)
+    except (BrokenPipeError, SystemExit):
+        discard_output()  # nobody reads on; the verdict is the exit code
     sys.exit(verdict.exit_code)
 
 
+def _load_auto(names: Sequence[str]) -> list[Case]:
+    """Return the named cases, or those of a bare verify, at size "auto"."""
+    texts = [text for name in names for text in find_named(name)]
+    return [_load(text, "auto") for text in texts or verifying.cases_to_verify("fast")]
+
+
+#: The words for several cases of a status, where they differ from those for one.
 _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 
 
-def _show(verdict: Verdict, output: Path, all_gates: bool, with_report: bool) -> None:
-    """Print the verdict: cases, gates, what does not hold, what was not judged, what to
-    do next.
-    """
+def _print_verdict(
+    verdict: Verdict, output: Path, all_gates: bool, with_report: bool
+) -> None:
+    """Print a verdict: cases, gates, reasons, counts, and what to do next."""
     console = open_console()
-    shown = [c for c in verdict.cases if all_gates or (c.gates and c.status != "holds")]
-    if not all_gates:
+    if all_gates:
+        in_detail = list(verdict.cases)
+    else:
         console.print(tables.cases_table(verdict.cases, console.width))
-    if shown:
-        console.print(tables.verdict_table(shown, console.width))
-    alone = all_gates or len(verdict.cases) == 1
+        in_detail = [c for c in verdict.cases if c.gates and c.status != "holds"]
+    if in_detail:
+        console.print(tables.verdict_table(in_detail, console.width))
+    with_loads = all_gates or len(verdict.cases) == 1
     for case in verdict.cases:
-        if isinstance(next(iter(case.case.recipes), None), HeightsFromFile | Mirrored):
-            tables.print_surface_notes(console, case.case, case.results)
-        if (
-            alone
-            and case.case.lists_loads
-            and any(a.results for a in case.results.values())
-        ):
-            console.print(f"\nloads of {case.id}")
-            console.print(tables.results_table(case.results, console.width))
-        if told := case.case.told_hardness:
-            tables.print_hanging(console, f"{case.id}: {told}")
-        tables.print_shortfalls(console, case)
-    counts = {s: sum(case.status == s for case in verdict.cases) for s in tables.STYLES}
-    summary = ", ".join(
-        f"{n} {_PLURAL.get(s, s) if n > 1 else s}" for s, n in counts.items() if n
-    )
-    cases = "1 case" if len(verdict.cases) == 1 else f"{len(verdict.cases)} cases"
-    tables.print_hanging(console, references(verdict))
-    tables.print_hanging(
-        console, f"{cases}: {summary}; verdict in {output / 'verdict.json'}"
-    )
-    if left_out := sum(len(case.not_judged) for case in verdict.cases):
-        told = f"{left_out} {'gates are' if left_out > 1 else 'gate is'} left out at this size"
-        tables.print_hanging(console, f"{told}; verdict.json says which and why")
-    steps = [] if all_gates else ["--gates prints each gate"]
-    if not with_report:
-        steps.append(
-            f"`epcontact report {shlex.quote(str(output))}` draws charts and a page"
+        _print_case(console, case, with_loads)
+    print_sentence(console, references(verdict))
+    print_sentence(console, f"{_counts(verdict)}; verdict in {output / 'verdict.json'}")
+    left_out = sum(len(case.not_judged) for case in verdict.cases)
+    if left_out:
+        gates = "1 gate is" if left_out == 1 else f"{left_out} gates are"
+        print_sentence(
+            console,
+            f"{gates} left out at this size; verdict.json says which and why",
         )
+    steps = []
+    if not all_gates:
+        steps.append("--gates prints each gate")
+    if not with_report:
+        folder = shlex.quote(str(output))
+        steps.append(f"`epcontact report {folder}` draws charts and a page")
     if not verdict.passed:
         steps.append("the same command solves again only what has changed")
     if steps:
-        tables.print_hanging(console, f"next: {'; '.join(steps)}")
+        print_sentence(console, f"next: {'; '.join(steps)}")
     sys.stdout.flush()
+
+
+def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
+    """Print notes on measured maps, the loads, the hardness and what does not hold."""
+    recipe = next(iter(case.case.recipes), None)
+    if isinstance(recipe, HeightsFromFile | Mirrored):
+        tables.print_surface_notes(console, case.case, case.results)
+    is_solved = any(method.results for method in case.results.values())
+    if with_loads and case.case.lists_loads and is_solved:
+        console.print(f"\nloads of {case.id}")
+        console.print(tables.results_table(case.results, console.width))
+    if case.case.told_hardness:
+        print_sentence(console, f"{case.id}: {case.case.told_hardness}")
+    tables.print_shortfalls(console, case)
+
+
+def _counts(verdict: Verdict) -> str:
+    """Return the numbers of cases by status in words, such as "3 cases: 3 hold"."""
+    counts = Counter[str](case.status for case in verdict.cases)
+    parts = []
+    for status in tables.STYLES:
+        count = counts[status]
+        if count:
+            words = _PLURAL.get(status, status) if count > 1 else status
+            parts.append(f"{count} {words}")
+    total = len(verdict.cases)
+    cases = "1 case" if total == 1 else f"{total} cases"
+    return f"{cases}: {', '.join(parts)}"
 
 
 def _write_report(verdict: Verdict, output: Path) -> None:
@@ -250,7 +284,7 @@ def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pic
 
     pictures = draw_case(case, results, case.folder(output))
     for sentence in pictures.missing:
-        tell(f"epcontact: {sentence}")
+        print_error(f"epcontact: {sentence}")
     return pictures
 
 
@@ -263,12 +297,13 @@ def _draw_films(case: Case, output: Path) -> None:
     for name in films.names:
         click.echo(f"film in {folder / name}.gif")
     for sentence in films.missing:
-        tell(f"epcontact: {sentence}")
+        print_error(f"epcontact: {sentence}")
 
 
 def _load(text: CaseText, size: str) -> Case:
-    """Load a case at a size; "auto" makes it cheaper by a plan and says so on
-    stderr.
+    """Load a case at a size.
+
+    The size "auto" makes it cheaper by a plan, which a sentence on stderr describes.
     """
     if size != "auto":
         return load_case(text, size)
@@ -276,5 +311,5 @@ def _load(text: CaseText, size: str) -> Case:
 
     case, sentence = load_auto(text)
     if sentence:
-        tell(sentence)
+        print_error(sentence)
     return case

@@ -1,0 +1,201 @@
+"""The commands on changes and accuracy: compare and accuracy."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from epcontact.cli.terminal import new_table, open_console, print_rows
+from epcontact.files import atomic_write
+from epcontact.harness.verdict import compare as comparing
+from epcontact.harness.verdict.compare import KEPT, Comparison, keep, read_figures
+from epcontact.studies import STUDIES, save_charts
+from epcontact.studies import accuracy as ledgers
+
+_path = click.Path(path_type=Path)
+#: Rows of a table, and names of a list, that a terminal shows; the CSV file has all.
+_ROWS = 20
+_NAMES = 5
+
+
+@click.command()
+@click.argument("verdicts", type=_path, nargs=-1, required=True, metavar="[OLD] NEW")
+@click.option(
+    "--csv", "table", type=_path, help="Write every value that moved to this file."
+)
+@click.option(
+    "--keep",
+    "saved",
+    type=_path,
+    help="Save the values of NEW in this small .csv, a later OLD.",
+)
+def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) -> None:
+    """Compare two verdicts and list the values that changed.
+
+    Changes are in units of the error estimates.  OLD and NEW are verdict.json, a folder
+    that holds it, or a table that --keep wrote; without OLD it is the table of this
+    release.  The exit code is 1 if a value changed by more than its error estimate,
+    though its band may hold, or if a gate that held does not.  A value without an error
+    estimate may change by a ten-thousandth, and a value that must be 0 by its band.
+    More work is listed in counts.  Seconds depend on the machine, and their ratio
+    judges nothing.
+    """
+    if len(verdicts) > 2:
+        raise click.UsageError(f"compares OLD and NEW, but {len(verdicts)} are given")
+    new = read_figures(verdicts[-1])
+    if saved is not None:
+        keep(new, saved)
+        click.echo(f"figures in {saved}")
+        if len(verdicts) == 1:
+            return
+    old = read_figures(verdicts[0] if len(verdicts) == 2 else KEPT)
+    comparison = comparing.compare(old, new)
+    if table is not None:
+        names = [*comparing.ROW, "value_old", "value_new", "error", "moved"]
+        with atomic_write(table) as file:
+            comparison.moved[names].to_csv(file, index=False)
+    _print_comparison(comparison)
+    sys.exit(comparison.exit_code)
+
+
+def _print_comparison(comparison: Comparison) -> None:
+    """Print the values that changed, the work that grew, and their counts."""
+    console = Console()
+    _print_moved(console, comparison)
+    if len(comparison.slower):
+        work = new_table(("more work",), ("old", "new", "ratio"))
+        for row in comparison.slower.head(_ROWS).itertuples():
+            name = f"{row.case} {row.size}: {row.name.removeprefix('cost.')}"
+            values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
+            work.add_row(Text(name), *values, f"{row.ratio:.2f}")
+        console.print(work)
+    for words, names in comparison.told.items():
+        if names:
+            sentence = f"{words}: {', '.join(names[:_NAMES])}"
+            if len(names) > _NAMES:
+                sentence += f" and {len(names) - _NAMES} more"
+            console.print(sentence, markup=False, highlight=False)
+    within = len(comparison.moved) - comparison.beyond
+    summary = (
+        f"{comparison.compared} values compared: {comparison.beyond} moved beyond "
+        f"their claim, {within} within it; more work: {len(comparison.slower)}"
+    )
+    if comparison.time > 0:
+        summary += f"; seconds: {comparison.time:.2f} times as many"
+    console.print(summary, highlight=False)
+
+
+def _print_moved(console: Console, comparison: Comparison) -> None:
+    """Print a table of the values that changed most, by case and size."""
+    if not len(comparison.moved):
+        return
+    table = new_table(("moved",), ("old", "new", "in claims"))
+    table.columns[-1].no_wrap = True
+    largest = comparison.moved.head(_ROWS)
+    in_order = largest.sort_values(["case", "size"], kind="stable")
+    for (case, size), group in in_order.groupby(["case", "size"], sort=False):
+        table.add_row(f"[bold]{case} {size}[/]")
+        for row in group.itertuples():
+            values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
+            style = "bold red" if row.moved > 1 else ""
+            change = Text(f"{row.moved:.2g}", style)
+            table.add_row(Text(f"  {row.figure}"), *values, change)
+    console.print(table)
+
+
+#: The grids of the release that a terminal shows, in points per shortest wave; the file
+#: has all.
+_GRIDS = (4, 8)
+
+
+@click.command()
+@click.argument("folders", nargs=-1, type=_path)
+@click.option(
+    "--csv",
+    "table",
+    type=_path,
+    help="Write the ledger, with every grid, to this file.",
+)
+@click.option(
+    "--keep",
+    "saved",
+    type=_path,
+    help="Write what it rests on, a row for each scene and pair.",
+)
+@click.option("--charts", type=_path, help="Draw the charts into this folder.")
+def accuracy(
+    folders: tuple[Path, ...],
+    table: Path | None,
+    saved: Path | None,
+    charts: Path | None,
+) -> None:
+    """Print bias, scatter and cost of each quantity between methods and references.
+
+    FOLDERS are those of `epcontact sweep` (CASE/SIZE in its output) and of `epcontact
+    verify`; with none it is the ledger of this release.  The bias is the median of the
+    relative differences over scenes, the scatter half the width of their central 68 %.
+    Differences of areas are over the reference, or over a thousandth of the nominal
+    area where that is more.  Times are over those of boundary elements on 4 points per
+    shortest wave.
+    """
+    rows = ledgers.read_rows(folders)
+    ledger = ledgers.ledger(rows)
+    if table is not None:
+        ledgers.write_table(ledger, table)
+    if saved is not None:
+        ledgers.write_table(rows, saved)
+    shown = ledger
+    if not folders:
+        shown = ledger[ledger["points"].isna() | ledger["points"].isin(_GRIDS)]
+    headings = (
+        "quantity",
+        "of – against",
+        "bias",
+        "scatter",
+        "scenes",
+        "time",
+        "FFT pairs",
+        "of",
+    )
+    cells = [_ledger_row(row) for row in shown.to_dict("records")]
+    print_rows(open_console(), headings, cells)
+    if charts is not None:
+        names = tuple(map(str, folders))
+        drawn = STUDIES["accuracy"].run(folders=names, known=rows)
+        for path in save_charts("accuracy", drawn, charts):
+            click.echo(path)
+
+
+def _ledger_row(row: dict[str, Any]) -> tuple[str, ...]:
+    """Return the cells of a row of the ledger."""
+    pair = row["pair"]
+    if np.isfinite(row["points"]):
+        pair = pair.replace(" – ", f", {row['points']:g} points a wave – ")
+    ranges = []
+    for name, words in ledgers.PLACE.items():
+        low = row[f"{name}_min"]
+        high = row[f"{name}_max"]
+        if not np.isnan(low):
+            ranges.append(f"{words} {_range_text(low, high)}")
+    return (
+        row["quantity"],
+        pair,
+        f"{100 * row['bias']:+.2g} %",
+        f"{100 * row['scatter']:.2g} %" if row["scenes"] > 1 else "–",
+        str(row["scenes"]),
+        f"{row['time']:.3g}" if row["time"] > 0 else "",
+        f"{row['fft_pairs']:.3g}" if row["fft_pairs"] > 0 else "",
+        ", ".join(ranges),
+    )
+
+
+def _range_text(low: float, high: float) -> str:
+    """Return "low to high", or one number if both are the same in three digits."""
+    ends = (f"{low:.3g}", f"{high:.3g}")
+    return " to ".join(dict.fromkeys(ends))

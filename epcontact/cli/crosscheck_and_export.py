@@ -1,0 +1,70 @@
+"""The commands of the finite-element block: crosscheck and export."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from epcontact.cli.options import case_size
+from epcontact.crosscheck.report import crosscheck as check_models
+from epcontact.errors import InvalidCase
+from epcontact.harness.case_files.case import find_case, load_case
+from epcontact.peers import calculix
+
+#: Largest number of seeds: far more than an ensemble needs, and still a short list.
+_MOST_SEEDS = 10_000
+
+
+@click.command()
+@click.argument("case")
+@case_size
+@click.option(
+    "--seeds",
+    default=None,
+    metavar="FIRST-LAST",
+    help="Surfaces of these seeds, not the case's.",
+)
+@click.option(
+    "--steps", type=click.IntRange(1), help="Increments of the J2 body, not the case's."
+)
+def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> None:
+    """Split the difference of finite and boundary elements into grid, depth, model.
+
+    A case that names calculix or tamaas_j2 is also solved by these codes, in a table.
+    """
+    others = () if seeds is None else _seeds(seeds)
+    click.echo(check_models(load_case(find_case(case), size), others, steps=steps))
+
+
+def _seeds(text: str) -> range:
+    """Return the seeds of "FIRST-LAST", both included; raise BadParameter."""
+    ends = re.fullmatch(r"(\d{1,19})-(\d{1,19})", text)
+    seeds = range(int(ends[1]), int(ends[2]) + 1) if ends else range(0)
+    largest = 2**63  # of numpy's generators
+    if not 0 < seeds.stop - seeds.start <= _MOST_SEEDS or seeds.stop > largest:
+        raise click.BadParameter(
+            f"{text!r:.60} is no range of at most {_MOST_SEEDS} seeds; give such as "
+            "101-112"
+        )
+    return seeds
+
+
+@click.command()
+@click.argument("case")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@case_size
+def export(case: str, file: Path, size: str) -> None:
+    """Write the finite-element block of CASE, with its first surface, to FILE.
+
+    FILE.inp is a complete input file of CalculiX, which `ccx FILE` runs without its
+    ending.  .vtu, .vtk, .msh, .med and .xdmf (these two with the package h5py) hold the
+    bricks, the nodes of "top" and "base", and the gap (m) of each top node to the rigid
+    flat on the highest of them.
+    """
+    loaded = load_case(find_case(case), size)
+    if loaded.skip:
+        raise InvalidCase(f"{loaded.path}: {loaded.skip}")
+    options = loaded.fem.model_dump(exclude_none=True)
+    click.echo(calculix.export(loaded.scene(loaded.recipes[0]), file, options))

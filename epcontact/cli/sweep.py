@@ -1,0 +1,95 @@
+"""The command `sweep`: a case at every point of its table [sweep]."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import click
+import pandas as pd
+
+from epcontact.cli.options import case_size, run_options, show_progress
+from epcontact.cli.tables import loads_table
+from epcontact.cli.terminal import open_console
+from epcontact.errors import EpcontactError
+from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.solving.tasks import Run
+from epcontact.harness.sweep import Swept, digest, run_sweep
+
+#: Points that a terminal shows; the CSV file has all.
+_ROWS = 40
+#: Reasons of failed tasks that are listed.
+_REASONS = 5
+
+
+@click.command()
+@click.argument("case")
+@case_size
+@run_options("jobs", "output", "fresh", "executor", "precision")
+@click.option(
+    "--fields",
+    type=click.Choice(["first", "all", "steps", "none"]),
+    default="none",
+    show_default=True,
+    help="Write the fields (.vti) of the first surface of each point, of all, or at "
+    "every load.",
+)
+@click.option(
+    "--among",
+    default="",
+    metavar="WORDS",
+    help="Write them where a point contains this, as the table shows it: 'hardness "
+    "3e+09'.",
+)
+@click.option(
+    "--charts", is_flag=True, help="Draw the loads of the points, and each field."
+)
+def sweep(
+    case: str, size: str, run: Run, fields: str, among: str, charts: bool
+) -> None:
+    """Solve CASE at every point of its table [sweep], here or on a cluster.
+
+    The results are saved in a folder as soon as they are solved: stop the command at
+    any moment, and start it again to go on. `epcontact.harness.sweep.table(FOLDER)`
+    reads them as a pandas table.
+    """
+    with show_progress(replace(run, fields=fields)) as reporting:
+        swept = run_sweep(case, reporting, size=size, among=among)
+    _print_points(swept)
+    if charts:
+        # Charts take long to load.
+        from epcontact.pictures.folder import draw_sweep
+
+        rows_by_point = {point: rows for point, (rows, _) in swept.loads.items()}
+        draw_sweep(swept.folder, rows_by_point, swept.fields)
+    for path, words in swept.fields.items():
+        click.echo(f"fields of {words} in {path}")
+    solved = swept.table.loc[swept.table["load"] == 0, "solved"]  # a row for each task
+    click.echo(
+        f"{solved.sum()} of {len(solved)} tasks are solved, {swept.reused} of them "
+        f"earlier; table in {swept.folder / 'sweep.csv'}, digest "
+        f"{digest(swept.table)[:12]}"
+    )
+    if swept.failures:
+        counts = pd.Series(swept.failures).value_counts().head(_REASONS)
+        reasons = "; ".join(f"{count} with: {why}" for why, count in counts.items())
+        raise EpcontactError(
+            f"{len(swept.failures)} tasks failed, which the next run tries again: "
+            f"{reasons}"
+        )
+
+
+def _print_points(swept: Swept) -> None:
+    """Print the loads of the first points of a sweep, and the notes of all."""
+    console = open_console()
+    shown = dict(itertools.islice(swept.loads.items(), _ROWS))
+    units = {}
+    for name in swept.quantities:
+        units[name.removeprefix("quantity.")] = QUANTITIES[name].unit.strip("–")
+    console.print(loads_table(shown, "point", console.width, **units))
+    hidden = len(swept.loads) - len(shown)
+    if hidden > 0:
+        click.echo(f"and {hidden} more")
+    for note, count in swept.notes.items():
+        tasks = "1 task" if count == 1 else f"{count} tasks"
+        click.echo(f"note of {tasks}: {note}")
