@@ -22,65 +22,67 @@ from epcontact.surfaces.power_spectrum import (
 )
 from epcontact.surfaces.spectrum import density, spectral_moment, truncate
 
-# The heights are about as large as the period, which changes nothing of what is tested
-# here.
+# The heights are about as large as the period, which changes nothing in these tests.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
-# The exponents at which an integral turns into a logarithm, their neighbours, and
-# ordinary ones.
+# --- analytic spectra -----------------------------------------------------------------
+
+#: Exponents at which an integral becomes a logarithm, their neighbours, and usual ones.
 HURST = [0.0, 1e-13, 1e-5, 0.3, 0.5, 0.8, 1 - 1e-9, 1.0]
 PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
 
 
-def exact_shape_moment(s, order, dimension, upper):
-    """The defining integral with C_0 = 1, by quadrature in 40 digits."""
+def exact_shape_moment(spectrum, order, dimension, highest):
+    """Return the integral that defines a moment for C_0 = 1, by quadrature in 40
+    digits.
+    """
     with mpmath.workdps(40):
-        exponent = -(2 * mpmath.mpf(s.hurst) + dimension)
-        limits = (
-            s.wavenumber_low,
-            s.wavenumber_roll_off,
-            min(s.wavenumber_high, upper),
-        )
-        q0, qr, q1 = map(mpmath.mpf, limits)
+        exponent = -(2 * mpmath.mpf(spectrum.hurst) + dimension)
+        q0 = mpmath.mpf(spectrum.wavenumber_low)
+        qr = mpmath.mpf(spectrum.wavenumber_roll_off)
+        q1 = mpmath.mpf(min(spectrum.wavenumber_high, highest))
 
-        def integrand(t):  # over t = ln q
-            q = mpmath.exp(t)
-            return q**order * ((q / qr) ** exponent if q > qr else 1) * q**dimension
+        def integrand(log_q):
+            q = mpmath.exp(log_q)
+            return max(q / qr, 1) ** exponent * q ** (order + dimension)
 
         knots = sorted({mpmath.log(q) for q in (q0, min(qr, q1), q1)})
-        return (2 * mpmath.pi if dimension == 2 else 1) * mpmath.quad(integrand, knots)
+        angle = 2 * mpmath.pi if dimension == 2 else 1
+        return float(angle * mpmath.quad(integrand, knots))
 
 
 @pytest.mark.parametrize("dimension", [1, 2])
 @pytest.mark.parametrize("hurst", HURST)
 def test_moments_equal_their_integrals(hurst, dimension):
     spectrum = SelfAffineSpectrum(hurst, 3.0, 7.0, 900.0, 0.4)
-    full_slope = exact_shape_moment(spectrum, 2, dimension, 900.0)
-    plateau = float(density(spectrum, 5.0, dimension))
-    assert plateau * full_slope == pytest.approx(0.4**2, rel=1e-13)
+    slope_variance = exact_shape_moment(spectrum, 2, dimension, 900.0)
+    factor = 0.4**2 / slope_variance
+    assert density(spectrum, 5.0, dimension) == pytest.approx(factor, rel=1e-13)
     for order in (0, 2, 4):
-        for upper in (5.0, 7.0, 60.0, 900.0):
-            exact = (
-                0.4**2
-                * exact_shape_moment(spectrum, order, dimension, upper)
-                / full_slope
-            )
-            got = float(spectral_moment(spectrum, order, dimension, upper))
-            # A few roundings, each amplified by at most ln(q_1/q_0) = 6 through the
-            # power.
-            assert got == pytest.approx(float(exact), rel=1e-14)
+        for highest in (5.0, 7.0, 60.0, 900.0):
+            found = spectral_moment(spectrum, order, dimension, highest)
+            exact = factor * exact_shape_moment(spectrum, order, dimension, highest)
+            # A few roundings, which the power multiplies by ln(q_1/q_0) = 6 at most.
+            assert found == pytest.approx(exact, rel=1e-14)
 
 
-def test_density_is_flat_then_a_power_and_nothing_outside():
-    q = np.array([2.4e4, 2.5e4 * (1 - 1e-7), 1e5, 2e5, 64e5 * (1 + 1e-7), 65e5])
-    for dimension in (1, 2):
-        c = density(PAPER, q, dimension)
-        assert c[0] == c[-1] == 0
-        assert c[1] == c[2] > 0 < c[4]  # a limit typed with seven digits is inside
-        assert c[3] / c[2] == pytest.approx(2 ** -(1.6 + dimension), rel=1e-14)
-    assert np.all(density(PAPER, [2.5e4 * 0.99999, 64e5 * 1.00001]) == 0)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_density_is_flat_then_a_power_and_zero_outside(dimension):
+    """Limits typed with seven digits are inside."""
+    low = [2.4e4, 2.5e4 * 0.99999, 2.5e4 * (1 - 1e-7), 1e5]
+    high = [2e5, 64e5 * (1 + 1e-7), 64e5 * 1.00001, 65e5]
+    values = density(PAPER, [*low, *high], dimension)
+    assert values[[0, 1, 6, 7]].tolist() == [0, 0, 0, 0]
+    assert values[2] == values[3] > values[4] > values[5] > 0
+    assert values[4] / values[3] == pytest.approx(2 ** -(1.6 + dimension), rel=1e-14)
+
+
+def test_density_grows_with_the_square_of_the_slope():
     steeper = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 3.0)
     assert density(steeper, 1e6) == pytest.approx(9 * density(PAPER, 1e6), rel=1e-14)
+
+
+def test_what_has_no_density_is_refused():
     with pytest.raises(InvalidScene, match="band of some width"):
         density(SelfAffineSpectrum(0.8, 1e5, 1e5, 1e5, 1.0), 1e5)
     with pytest.raises(InvalidScene, match="dimension is 3"):
@@ -88,16 +90,21 @@ def test_density_is_flat_then_a_power_and_nothing_outside():
 
 
 @pytest.mark.parametrize("dimension", [1, 2])
-def test_truncation_keeps_the_density(dimension):
-    for cut in (6e4, 1e5, 3e6, 1e8):
-        q = np.geomspace(2.5e4, min(cut, 64e5), 20)
-        narrow = density(truncate(PAPER, cut, dimension), q, dimension)
-        assert_allclose(narrow, density(PAPER, q, dimension), rtol=1e-13)
+@pytest.mark.parametrize("cut", [6e4, 1e5, 3e6, 1e8])
+def test_truncation_keeps_the_density(cut, dimension):
+    q = np.geomspace(2.5e4, min(cut, 64e5), 20)
+    found = density(truncate(PAPER, cut, dimension), q, dimension)
+    assert_allclose(found, density(PAPER, q, dimension), rtol=1e-13)
+
+
+def test_truncation_to_nothing_is_refused():
     with pytest.raises(InvalidScene, match="leaves nothing"):
         truncate(PAPER, 2.5e4)
 
 
-# Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
+# --- spectra of heights ---------------------------------------------------------------
+
+#: Square, oblong, even, odd, mixed, lines; periods that fit none of them by accident.
 GRIDS = [
     ((16, 16), (1.0, 1.0)),
     ((15, 16), (2.0, 0.7)),
@@ -107,85 +114,118 @@ GRIDS = [
     ((63,), (3.0,)),
     ((2,), (1.0,)),
 ]
-# Roundings of a transform of up to 500 points, relative to sums of positive terms.
+#: Roundings of a transform of up to 500 points, relative to sums of positive terms.
 ROUNDING = 1e-13
 
 
-def noise(shape, periods):
-    """White noise about a mean of 5: power in every mode, Nyquist's too."""
+@pytest.fixture(params=GRIDS, ids=str)
+def surface(request):
+    """White noise about a mean of 5, which has power in every mode, Nyquist's too."""
+    shape, periods = request.param
     return Surface(5 + np.random.default_rng(1).standard_normal(shape), periods)
 
 
-@pytest.mark.parametrize(("shape", "periods"), GRIDS)
-def test_moments_and_rings_are_parseval_s(shape, periods):
-    surface = noise(shape, periods)
+def wave_vector(surface):
+    """Return the components of q of each mode of numpy.fft."""
+    axes = []
+    for points, spacing in zip(surface.shape, surface.spacing, strict=True):
+        axes.append(2 * np.pi * np.fft.fftfreq(points, spacing))
+    return np.meshgrid(*axes, indexing="ij")
+
+
+def table_of_modes(surface):
+    """Return q, variance, slope variance and ring of all modes but the mean.
+
+    A line has its positive modes alone, with the variance of both signs.
+    """
+    modes = np.fft.fftn(surface.heights) / surface.heights.size
+    q = np.sqrt(sum(component**2 for component in wave_vector(surface)))
+    table = pd.DataFrame({"q": q.ravel(), "variance": np.abs(modes.ravel()) ** 2})[1:]
+    if modes.ndim == 1:
+        table = table[: modes.size // 2]
+        table["variance"] *= np.where(2 * table.index == modes.size, 1, 2)
+    table["slope_variance"] = table["variance"] * table["q"] ** 2
+    table["ring"] = np.ceil(table["q"] / first_wavenumber(surface) - 0.5)
+    return table
+
+
+def first_wavenumber(surface):
+    return 2 * math.pi / max(surface.periods)
+
+
+def test_moments_are_mean_squares_of_derivatives(surface):
     modes = np.fft.fftn(surface.heights)
-    axes = [
-        2 * np.pi * np.fft.fftfreq(n, d)
-        for n, d in zip(shape, surface.spacing, strict=True)
-    ]
-    q = np.meshgrid(*axes, indexing="ij")
-    slope2 = sum(
-        np.mean(np.abs(np.fft.ifftn(1j * component * modes)) ** 2) for component in q
-    )
-    laplacian = np.fft.ifftn(-sum(component**2 for component in q) * modes)
-    curvature = math.sqrt(np.mean(np.abs(laplacian) ** 2)) / len(shape)
-    exact = (surface.heights.std(), math.sqrt(slope2), curvature)
+    slope_variance = 0.0
+    laplacian = np.zeros_like(modes)
+    for component in wave_vector(surface):
+        slope = np.fft.ifftn(1j * component * modes)
+        slope_variance += np.mean(np.abs(slope) ** 2)
+        laplacian -= np.fft.ifftn(component**2 * modes)
+    curvature = math.sqrt(np.mean(np.abs(laplacian) ** 2)) / modes.ndim
+    exact = (surface.heights.std(), math.sqrt(slope_variance), curvature)
     assert surface_moments(surface) == pytest.approx(exact, rel=ROUNDING)
-    h = surface.heights.ravel() - surface.heights.mean()
-    shape_of_heights = (h**3).mean() / exact[0] ** 3, (h**4).mean() / exact[0] ** 4 - 3
-    assert topography(surface) == pytest.approx(
-        (*exact, *shape_of_heights), rel=1e-12, abs=1e-12
-    )
-    # Each ring, and each octave, mode by mode; a line's density is one-sided.
-    of = {
-        "q": np.sqrt(sum(one**2 for one in q)),
-        "v": np.abs(modes / surface.heights.size) ** 2,
-    }
-    table = pd.DataFrame({name: values.ravel() for name, values in of.items()})[1:]
-    if len(shape) == 1:
-        table = table[: shape[0] // 2]
-        table = table.assign(v=table["v"] * np.where(2 * table.index == shape[0], 1, 2))
-    width, cell = (
-        2 * math.pi / max(periods),
-        math.prod(2 * math.pi / p for p in periods),
-    )
-    table = table.assign(
-        s=table["v"] * table["q"] ** 2, ring=np.ceil(table["q"] / width - 0.5)
-    )
-    sums, rings = table.groupby("ring").sum(), radial_spectrum(surface)
-    count = table.groupby("ring").size()
-    for got, exact in (
+    assert topography(surface)[:3] == pytest.approx(exact, rel=ROUNDING)
+
+
+def test_skewness_and_kurtosis_are_those_of_the_heights(surface):
+    heights = surface.heights - surface.heights.mean()
+    rms = surface.heights.std()
+    found = topography(surface)
+    skewness = (heights**3).mean() / rms**3
+    kurtosis = (heights**4).mean() / rms**4 - 3
+    assert found.skewness == pytest.approx(skewness, rel=1e-12, abs=1e-12)
+    assert found.excess_kurtosis == pytest.approx(kurtosis, rel=1e-12, abs=1e-12)
+
+
+def test_rings_are_sums_over_their_modes(surface):
+    groups = table_of_modes(surface).groupby("ring")
+    sums = groups.sum()
+    count = groups.size()
+    cell = math.prod(2 * math.pi / period for period in surface.periods)
+    rings = radial_spectrum(surface)
+    upper_edge = (sums.index + 0.5) * first_wavenumber(surface)
+    for found, exact in (
         (rings.wavenumber, sums["q"] / count),
         (rings.modes, count),
-        (rings.density, sums["v"] / count / cell),
-        (rings.upper_edge, (sums.index + 0.5) * width),
-        (rings.height_variance, sums["v"]),
-        (rings.slope_variance, sums["s"]),
+        (rings.density, sums["variance"] / count / cell),
+        (rings.upper_edge, upper_edge),
+        (rings.height_variance, sums["variance"]),
+        (rings.slope_variance, sums["slope_variance"]),
     ):
-        assert_allclose(got, exact, rtol=1e-12)
-    lowest, power = power_by_octave(surface)
-    octave = np.floor(np.log2(sums["q"] / count / width) + 1e-9)
-    assert_allclose(power[power > 0], sums["v"].groupby(octave).sum(), rtol=1e-12)
-    assert_allclose(lowest, width * 2.0 ** np.arange(octave.max() + 1), rtol=1e-14)
-    # Partial slopes are those of the rings, and of the filtered surface.
-    partial = cumulative_slope_variance(surface, rings.upper_edge[::-1, None])
-    assert_allclose(partial[::-1, 0], np.cumsum(rings.slope_variance), rtol=ROUNDING)
+        assert_allclose(found, exact, rtol=1e-12)
+
+
+def test_octaves_are_sums_over_their_rings(surface):
+    rings = radial_spectrum(surface)
+    first = first_wavenumber(surface)
+    octave = np.floor(np.log2(rings.wavenumber / first) + 1e-9)
+    exact = pd.Series(rings.height_variance).groupby(octave).sum()
+    lowest, variance = power_by_octave(surface)
+    assert_allclose(variance[variance > 0], exact, rtol=1e-12)
+    assert_allclose(lowest, first * 2.0 ** np.arange(octave.max() + 1), rtol=1e-14)
+
+
+def test_partial_slopes_are_those_of_rings_and_of_filtered_surfaces(surface):
+    rings = radial_spectrum(surface)
+    edges = rings.upper_edge[::-1, None]
+    found = cumulative_slope_variance(surface, edges)
+    exact = np.cumsum(rings.slope_variance)
+    assert_allclose(found[::-1, 0], exact, rtol=ROUNDING)
     for cut in (rings.wavenumber[0], rings.upper_edge[len(rings.upper_edge) // 2]):
-        left = surface_moments(filtered(surface, float(cut))).rms_slope ** 2
-        got = cumulative_slope_variance(surface, cut)
-        assert got == pytest.approx(left, rel=1e-12, abs=1e-14 * slope2)
+        slope = surface_moments(filtered(surface, float(cut))).rms_slope
+        found = cumulative_slope_variance(surface, cut)
+        assert found == pytest.approx(slope**2, rel=1e-12, abs=1e-14 * exact[-1])
 
 
 def test_radial_average_of_an_isotropic_surface_is_its_spectrum():
+    """A ring of width w at q = k w differs from its middle by s (s + 1)/(24 k^2), which
+    is 6e-4 for k = 32 and s = 3.4, and by where its modes lie.
+    """
     spectrum = SelfAffineSpectrum(0.7, 2 * math.pi, 8 * math.pi, 200 * math.pi, 0.1)
-    rings = radial_spectrum(
-        SelfAffine(spectrum, (1.0, 1.0), (300, 300), seed=3).build()
-    )
+    surface = SelfAffine(spectrum, (1.0, 1.0), (300, 300), seed=3).build()
+    rings = radial_spectrum(surface)
     inside = (rings.wavenumber > 200) & (rings.upper_edge < 600)
-    # A ring of width w at q = k w differs from its middle by s (s + 1)/(24 k^2) = 6e-4
-    # for k = 32, s = 3.4, and by where its modes lie; one factor makes an integral of
-    # the sum over modes.
     ratio = rings.density[inside] / density(spectrum, rings.wavenumber[inside])
     assert ratio == pytest.approx(np.full(ratio.size, ratio[-1]), rel=1.5e-3)
+    # One factor makes an integral of the sum over modes.
     assert ratio[-1] == pytest.approx(1.0, abs=0.02)
