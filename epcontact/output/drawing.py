@@ -31,9 +31,9 @@ from epcontact.results import ELASTIC, PLASTIC
 #: Largest number of points along a drawn surface; finer grids are drawn with a stride.
 POINTS = 900
 #: Drawn depth of the valleys over the period, if no factor is given.
-RELIEF = 0.08
+_RELIEF = 0.08
 #: Largest drawn displacement of a block over its width, if no factor is given.
-SHOWN = 0.04
+_DEFORMATION = 0.04
 #: A factor must be at most so many times that which is taken if none is given.
 _LARGEST_FACTOR = 1000
 #: Largest number of faces of a block with drawn element edges; more edges would blacken
@@ -156,7 +156,7 @@ def surface_scale(file: FieldFile) -> tuple[float, Limits]:
     largest = file.hardness
     if not np.isfinite(largest):
         largest = float(file.field("pressure").max())
-    return round_factor(RELIEF * max(file.periods), depth), (largest or 1.0,)
+    return round_factor(_RELIEF * max(file.periods), depth), (largest or 1.0,)
 
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
@@ -343,7 +343,7 @@ def block_scale(mesh: Any) -> tuple[float, Limits]:
     if displacement:
         moved = float(np.abs(mesh.point_data[displacement]).max())
     x0, x1, y0, y1, *_ = mesh.bounds
-    return round_factor(SHOWN * max(x1 - x0, y1 - y0), moved), tuple(limits)
+    return round_factor(_DEFORMATION * max(x1 - x0, y1 - y0), moved), tuple(limits)
 
 
 def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:

@@ -170,7 +170,8 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
                 getattr(a.once(measure), kind.removeprefix(".") or "corrected")
             )
 
-        of_kind.__doc__ = f"{(measure.__doc__ or '').removesuffix('.')}, {{}}."
+        meaning = (measure.__doc__ or "").strip().removesuffix(".")
+        of_kind.__doc__ = f"{meaning}, {{}}."
         quantity(unit, name=f"{measure.__name__}{{}}", each=_KINDS)(of_kind)
         return measure
 
