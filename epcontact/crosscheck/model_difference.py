@@ -188,9 +188,11 @@ _EFFECTIVE = {
 
 
 @quantity("–", _J2_AND_CAP, "model_{}", each=_MODEL)
-def model(a: SolvedScene, part: str) -> float:
+def model(solved: SolvedScene, part: str) -> float:
     """{}."""
-    found = difference(a.result, a.once(_capped), a.scene.material.hardness)
+    found = difference(
+        solved.result, solved.once(_capped), solved.scene.material.hardness
+    )
     return {
         "area": found.area,
         "overlap": found.overlap,
@@ -199,59 +201,61 @@ def model(a: SolvedScene, part: str) -> float:
 
 
 @quantity("–", _J2, "effective_{}", each=_EFFECTIVE)
-def effective(a: SolvedScene, part: str) -> float:
+def effective(solved: SolvedScene, part: str) -> float:
     """{}."""
-    ratio, at_cap = a.once(_effective)
+    ratio, at_cap = solved.once(_effective)
     return ratio if part == "hardness" else at_cap.overlap
 
 
 @quantity("–")
-def elements_pressure(a: SolvedScene) -> float:
+def elements_pressure(solved: SolvedScene) -> float:
     """L2 difference of the pressures, elastic or capped, from those of boundary
     elements on the compliance of the elements, over their L2 norm.
     """
-    if (law := a.result.provenance.options.get("law")) == "j2":
+    if (law := solved.result.provenance.options.get("law")) == "j2":
         raise InvalidCase(
             "the law of the elements is j2, but their own body has a linear law"
         )
-    hardness = a.scene.material.hardness if law == "capped" else math.inf
-    own = capped_body(a.scene, hardness, elements_compliance(a.scene, a.result))
-    return l2_distance(a.result.fields["pressure"], own.fields["pressure"])
+    hardness = solved.scene.material.hardness if law == "capped" else math.inf
+    own = capped_body(
+        solved.scene, hardness, elements_compliance(solved.scene, solved.result)
+    )
+    return l2_distance(solved.result.fields["pressure"], own.fields["pressure"])
 
 
 @quantity("–", _J2)
-def elements_area(a: SolvedScene) -> float:
+def elements_area(solved: SolvedScene) -> float:
     """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
 
     It is the effect of the finite-element grid, an error that falls with the spacing.
     """
-    hardness = a.scene.material.hardness
+    hardness = solved.scene.material.hardness
     return difference(
-        a.once(_capped), capped_body(a.scene, hardness, None), hardness
+        solved.once(_capped), capped_body(solved.scene, hardness, None), hardness
     ).area
 
 
-def _require_j2(a: SolvedScene) -> None:
-    if not a.flows:
-        law = a.result.provenance.options.get("law")
+def _require_j2(solved: SolvedScene) -> None:
+    if not solved.flows:
+        law = solved.result.provenance.options.get("law")
         raise InvalidCase(
             f"the law of the elements is {law}, but a model gate needs j2"
         )
 
 
-def _capped(a: SolvedScene) -> ContactResult:
+def _capped(solved: SolvedScene) -> ContactResult:
     """Solve the body under a cap at the hardness of the scene."""
-    _require_j2(a)
-    compliance = elements_compliance(a.scene, a.result)
-    return capped_body(a.scene, a.scene.material.hardness, compliance)
+    _require_j2(solved)
+    compliance = elements_compliance(solved.scene, solved.result)
+    return capped_body(solved.scene, solved.scene.material.hardness, compliance)
 
 
-def _effective(a: SolvedScene) -> tuple[float, Difference]:
+def _effective(solved: SolvedScene) -> tuple[float, Difference]:
     """Return c_eff, and the difference from the body under that cap; raise if there is
     none.
     """
-    _require_j2(a)
-    found = hardness_of_equal_area(a.scene, a.result)
+    _require_j2(solved)
+    found = hardness_of_equal_area(solved.scene, solved.result)
     if found.meaningless:
         raise InvalidCase(f"{found.meaningless}; gate it under a smaller load")
     if found.at_cap is None:

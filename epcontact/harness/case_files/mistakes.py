@@ -15,22 +15,20 @@ from epcontact.errors import closest, nearest
 from epcontact.harness.case_files.model import Case
 from epcontact.harness.case_files.text import SIZES
 
-#: The number of mistakes of a file that are told; a file with more is hardly a case
-#: file.
-MOST_TOLD = 20
-#: Pydantic's names of the mistake that a key is none of its table.
+#: The number of mistakes of a file that are reported; a file with more is hardly a
+#: case file.
+MOST_REPORTED = 20
+#: Pydantic's names of the mistake that a table has no such key.
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-#: What pydantic puts between the keys of a place: types, and tags of unions.
+#: What pydantic puts between the keys of a place: the names of types.
 _TYPES = re.compile(r"(float|str|int|bool)$|(list|literal)\[")
 
 
 @functools.cache
 def case_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a case file: the keys of a case, and of variants of
-    it.
-    """
+    """Return the JSON Schema of a case file: the keys of a case, and of its variants."""
     schema = Case.model_json_schema()
-    differ = {
+    of_variant = {
         name: {
             "type": "array" if name == "gate" else "object",
             "description": f"keys of [{name}] that differ in this variant",
@@ -42,7 +40,7 @@ def case_schema() -> dict[str, Any]:
         "description": "partial case files, each laid over the rest of this one",
         "items": {
             "type": "object",
-            "properties": differ,
+            "properties": of_variant,
             "additionalProperties": False,
         },
     }
@@ -51,37 +49,42 @@ def case_schema() -> dict[str, Any]:
 
 @functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Return the keys of each table by name, such as "case" or "surface, sinusoid"."""
-    schema, tables = case_schema(), {}
+    """Return the schema of each table by name, such as "case" or "surface, sinusoid"."""
+    schema = case_schema()
+    tables = {}
     for name, entry in schema["properties"].items():
         form = entry.get("items") or entry.get("anyOf", [entry])[0]
-        kinds = entry.get("discriminator", {}).get("mapping") or {
-            "": form.get("$ref", "")
-        }
+        kinds = entry.get("discriminator", {}).get("mapping")
+        if not kinds:
+            kinds = {"": form.get("$ref", "")}
         for kind, reference in kinds.items():
             table = schema["$defs"].get(reference.rpartition("/")[2], form)
             tables[f"{name}, {kind}" if kind else name] = table
     return tables
 
 
+# --- the table of all keys
+
+
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Return every key of a case file as (table, key, default, meaning with unit and
-    words).
+    """Return a row for every key of a case file: table, key, default, and the meaning
+    with its unit and the words that it may have.
     """
     rows = []
     for name, table in _tables().items():
+        required = table.get("required", ())
         for key, entry in table["properties"].items():
-            needed = key in table.get("required", ()) or "const" in entry
-            given = entry.get("default")
-            default = (
-                "required"
-                if needed
-                else "–"
-                if given in (None, "", [], {})
-                else str(given)
-            )
+            default = _default(entry)
+            if key in required or "const" in entry:
+                default = "required"
             rows.append((name, key, default, _meaning(entry)))
     return rows
+
+
+def _default(entry: Mapping[str, Any]) -> str:
+    """Return the default of a key; "–" if it is empty."""
+    default = entry.get("default")
+    return "–" if default in (None, "", [], {}) else str(default)
 
 
 def _meaning(entry: Mapping[str, Any]) -> str:
@@ -94,65 +97,79 @@ def _meaning(entry: Mapping[str, Any]) -> str:
     return f"{text}: {words}" if words else text
 
 
-def told(error: ValidationError) -> list[str]:
-    """Return pydantic's errors as sentences, each of which names the key and the
-    remedy.
-    """
-    errors, found = error.errors(), dict[str, list[Any]]()
-    meant = [
-        (*e["loc"][:-1], closest(str(e["loc"][-1]), _keys_beside(e["loc"])))
-        for e in errors
-        if e["type"] in _UNKNOWN
-    ]
-    for e in errors:
-        if (
-            e["loc"] not in meant
-        ):  # a misspelt key is unknown and missing; the first says more
-            found.setdefault(_where(e["loc"]), []).append(e)
-    # Of a path with a word in it both are said to be no number, the path and the word.
-    keys = [
-        where for where in found if not any(o.startswith(f"{where}[") for o in found)
-    ]
-    more = (
-        [f"there are {len(keys) - MOST_TOLD} more mistakes"]
-        if len(keys) > MOST_TOLD
-        else []
-    )
-    return [_sentence(where, found[where]) for where in keys[:MOST_TOLD]] + more
+# --- sentences on mistakes
 
 
-def _sentence(where: str, errors: Sequence[Any]) -> str:
-    """Return the sentence for the errors of one key: one that takes a number or a word
-    has two.
+def sentences_of(error: ValidationError) -> list[str]:
+    """Return pydantic's errors as sentences that name the key and what to do."""
+    by_key: dict[str, list[Any]] = {}
+    errors = error.errors()
+    misspelt = [
+        _meant(detail["loc"]) for detail in errors if detail["type"] in _UNKNOWN
+    ]
+    for detail in errors:
+        # A misspelt key is unknown, and the key that is meant is missing: the sentence
+        # on the unknown one says more.
+        if detail["loc"] not in misspelt:
+            by_key.setdefault(_key_at(detail["loc"]), []).append(detail)
+    # For a list that contains a word, pydantic reports both the list and the word; only
+    # the sentence on the word is kept.
+    keys = [key for key in by_key if not any(o.startswith(f"{key}[") for o in by_key)]
+    sentences = [_sentence(key, by_key[key]) for key in keys[:MOST_REPORTED]]
+    if len(keys) > MOST_REPORTED:
+        sentences.append(f"there are {len(keys) - MOST_REPORTED} more mistakes")
+    return sentences
+
+
+def _meant(location: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the place of the key whose name is closest to an unknown one."""
+    name = closest(str(location[-1]), _keys_beside(location))
+    return (*location[:-1], name)
+
+
+def _sentence(key: str, errors: Sequence[Any]) -> str:
+    """Return the sentence on a key.
+
+    Args:
+        key: as written in the file.
+        errors: pydantic's; a key that takes a number or a word has two.
     """
-    location, kind, given = errors[0]["loc"], errors[0]["type"], errors[0].get("input")
+    kind = errors[0]["type"]
+    given = errors[0].get("input")
+    location = errors[0]["loc"]
     if kind in _UNKNOWN:
-        said = f" is no key of a case file{nearest(str(location[-1]), _keys_beside(location))}"
-    elif kind == "missing":
+        hint = nearest(str(location[-1]), _keys_beside(location))
+        return f"{key} is no key of a case file{hint}"
+    if kind == "missing":
         meaning = _keys_beside(location).get(str(location[-1]), {}).get("description")
-        said = f" is missing; add it ({meaning or f'a table [{location[-1]}]'})"
-    elif kind == "value_error":
-        said = f": {errors[0]['ctx']['error']}"
-    elif kind.startswith("union_tag"):
-        said = f".kind must be one of {', '.join(_kinds())}"
-    elif kind == "list_type" and isinstance(given, dict) and len(location) == 1:
-        said = f" is one table of a list; write [[{where}]]"
-    elif kind == "list_type" and location[0] == "sweep":
-        said = f" is {given!r:.200}, but must be a list of values, such as [1e8, 2e8]"
-    elif isinstance(given, dict) and given:
-        names, size = ", ".join(map(repr, given)), nearest(next(iter(given)), SIZES)
-        said = (
-            f" has the keys {names}, but must be one value, or one each for sizes{size}"
+        return f"{key} is missing; add it ({meaning or f'a table [{location[-1]}]'})"
+    if kind == "value_error":
+        return f"{key}: {errors[0]['ctx']['error']}"
+    if kind.startswith("union_tag"):
+        return f"{key}.kind must be one of {', '.join(_kinds())}"
+    return f"{key}{_wrong_value(given, errors)}"
+
+
+def _wrong_value(given: Any, errors: Sequence[Any]) -> str:
+    """Return what is wrong with a value of another type than the key takes."""
+    location = errors[0]["loc"]
+    needs_list = errors[0]["type"] == "list_type"
+    if needs_list and isinstance(given, dict) and len(location) == 1:
+        return f" is one table of a list; write [[{location[0]}]]"
+    if needs_list and location[0] == "sweep":
+        return f" is {given!r:.200}, but must be a list of values, such as [1e8, 2e8]"
+    if isinstance(given, dict) and given:
+        names = ", ".join(map(repr, given))
+        hint = nearest(next(iter(given)), SIZES)
+        return (
+            f" has the keys {names}, but must be one value, or one each for sizes{hint}"
         )
-    else:
-        needed = " or ".join(
-            e["msg"].partition(" should ")[2] or "be valid" for e in errors
-        )
-        said = f" is {given!r:.200}, but must {needed}"
-    return f"{where}{said}"
+    needed = [error["msg"].partition(" should ")[2] or "be valid" for error in errors]
+    return f" is {given!r:.200}, but must {' or '.join(needed)}"
 
 
 def _kinds() -> list[str]:
+    """Return the kinds of surfaces."""
     return [
         name.removeprefix("surface, ")
         for name in _tables()
@@ -160,26 +177,25 @@ def _kinds() -> list[str]:
     ]
 
 
-def _where(location: tuple[Any, ...]) -> str:
+def _key_at(location: tuple[Any, ...]) -> str:
     """Return the key as written in the file: gates count from 1, no names of types or
     kinds.
     """
+    kinds = _kinds()
     parts = [
-        part
-        for part in location
-        if part not in _kinds() and not _TYPES.match(str(part))
+        part for part in location if part not in kinds and not _TYPES.match(str(part))
     ]
     if parts[:1] == ["gate"] and len(parts) > 1:
-        parts[:2] = [f"{parts[0]} {parts[1] + 1}"]
+        parts[:2] = [f"gate {parts[1] + 1}"]
     keys = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
     return "".join(keys).removeprefix(".") or "the case"
 
 
 def _keys_beside(location: tuple[Any, ...]) -> Mapping[str, Any]:
-    """Return the JSON Schema of each key of the table that holds the key at
-    `location`.
-    """
+    """Return the schema of each key of the table that holds the key at a place."""
     if len(location) == 1:
         return {key: {} for key in case_schema()["properties"]}
-    name = f"surface, {location[1]}" if location[0] == "surface" else str(location[0])
+    name = str(location[0])
+    if name == "surface":
+        name = f"surface, {location[1]}"
     return dict(_tables()[name]["properties"])

@@ -116,16 +116,10 @@ class MaterialTable(Table):
     @field_validator("young_modulus", "poisson_ratio", "hardness", "yield_stress")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        if (
-            value != "effective"
-        ):  # each key by itself, so that the mistakes of all are told
-            Material(
-                **{
-                    "young_modulus": 1.0,
-                    "poisson_ratio": 0.0,
-                    str(info.field_name): value,
-                }
-            )
+        """Check each key by itself, so that the mistakes of all are reported."""
+        if value != "effective":
+            valid: dict[str, Any] = {"young_modulus": 1.0, "poisson_ratio": 0.0}
+            Material(**{**valid, str(info.field_name): value})
         return value
 
 
@@ -186,52 +180,74 @@ class GateTable(Table):
     @property
     def gate(self) -> Gate:
         """The gate with its band."""
-        low, high = self.between or (
-            -float(self.tolerance or 0),
-            float(self.tolerance or 0),
+        half_width = self.tolerance or 0.0
+        low, high = self.between or (-half_width, half_width)
+        return Gate(
+            self.quantity,
+            self.of,
+            self.against,
+            self.norm,
+            low,
+            high,
+            self.because,
+            self.source,
+            self.kind or "",
         )
-        named = (self.quantity, self.of, self.against, self.norm)
-        return Gate(*named, low, high, self.because, self.source, self.kind or "")
 
     @model_validator(mode="after")
-    def _tells_something(self) -> Self:
-        if mistake := next(self._mistakes(), ""):
+    def _is_consistent(self) -> Self:
+        for mistake in (*self._mistakes_of_band(), *self._mistakes_of_names()):
             raise ValueError(mistake)
         return self
 
-    def _mistakes(self) -> Iterator[str]:
-        """Yield why the gate contradicts itself, cannot fail or hold, or has an unknown
-        name.
-        """
+    def _mistakes_of_band(self) -> Iterator[str]:
+        """Yield why the gate contradicts itself, cannot fail or cannot hold."""
         low, high = self.between or (0.0, 0.0)
-        against, quantity = self.against, self.quantity
         if (self.tolerance is None) == (self.between is None):
             yield "give either tolerance or between"
         if not low <= high:
             yield "between is out of order; give [low, high]"
         if math.isinf(low) and math.isinf(high):
-            yield "between holds whatever the difference is, or never; give it a finite end"
-        if against == self.of:
+            yield (
+                "between holds whatever the difference is, or never; give it a finite "
+                "end"
+            )
+        if self.against == self.of:
             yield f"{self.of} is compared with itself; name another method"
-        if not isinstance(against, str) and not self.source:
+        if not isinstance(self.against, str) and not self.source:
             yield "against is a number without a source; say where it comes from"
-        if isinstance(against, str) and self.kind:
-            yield f"kind says what a number is, but against is {against!r}; leave it out"
-        if (self.norm in DISTRIBUTION_NORMS) != (quantity == "distribution"):
-            yield "a distribution, and nothing else, has the norm wasserstein or supremum"
-        if (self.norm == "l2") != quantity.startswith("field."):
+        if isinstance(self.against, str) and self.kind:
+            yield (
+                f"kind says what a number is, but against is {self.against!r}; leave "
+                "it out"
+            )
+        is_distribution = self.quantity == "distribution"
+        if (self.norm in DISTRIBUTION_NORMS) != is_distribution:
+            yield (
+                "a distribution, and nothing else, has the norm wasserstein or supremum"
+            )
+        if (self.norm == "l2") != self.quantity.startswith("field."):
             yield "a field, and nothing else, has the norm l2"
+
+    def _mistakes_of_names(self) -> Iterator[str]:
+        """Yield which name of the gate is unknown."""
+        quantity, against = self.quantity, self.against
         # A user's solver may report quantities of its own.
-        own = METHODS[self.of].source and quantity.startswith(REPORTED_GROUPS)
-        if quantity not in QUANTITIES and not own:
-            yield f"no quantity is called {quantity!r}{nearest(quantity, QUANTITIES)}"
-        if isinstance(against, str) and against not in METHODS:
-            known = nearest(against, CLOSED_FORMS)
-            if against not in CLOSED_FORMS:
-                yield f"against is {against!r}, which is neither a method nor a closed form{known}"
-            elif not CLOSED_FORMS[against].knows(quantity):
-                known = ", ".join(CLOSED_FORMS[against].quantities)
-                yield f"the closed form {against} has no {quantity!r}; it has {known}"
+        reported = METHODS[self.of].source and quantity.startswith(REPORTED_GROUPS)
+        if quantity not in QUANTITIES and not reported:
+            hint = nearest(quantity, QUANTITIES)
+            yield f"no quantity is called {quantity!r}{hint}"
+        if not isinstance(against, str) or against in METHODS:
+            return
+        if against not in CLOSED_FORMS:
+            hint = nearest(against, CLOSED_FORMS)
+            yield (
+                f"against is {against!r}, which is neither a method nor a closed "
+                f"form{hint}"
+            )
+        elif not CLOSED_FORMS[against].knows(quantity):
+            known = ", ".join(CLOSED_FORMS[against].quantities)
+            yield f"the closed form {against} has no {quantity!r}; it has {known}"
 
 
 @functools.cache
@@ -250,21 +266,20 @@ def _or_absent(table: Any, validate: Any) -> Any:
     try:
         return validate(table)
     except ValidationError as error:
-        reasons = (detail.get("ctx", {}).get("error") for detail in error.errors())
-        absent = next(
-            (r for r in reasons if isinstance(r, surfaces.SurfaceAbsent)), None
-        )
-        if absent is None:
-            raise
-        return absent
+        for detail in error.errors():
+            reason = detail.get("ctx", {}).get("error")
+            if isinstance(reason, surfaces.SurfaceAbsent):
+                return reason
+        raise
 
 
-def _part(kind: type[Any], table: type[Table]) -> PlainValidator:
+def _from_table(kind: type[Any], table: type[Table]) -> PlainValidator:
     """Return the validator that makes a part of the scene from its table."""
-    return PlainValidator(
-        lambda given: kind(**table.model_validate(given).model_dump()),
-        json_schema_input_type=table,
-    )
+
+    def validate(given: Any) -> Any:
+        return kind(**table.model_validate(given).model_dump())
+
+    return PlainValidator(validate, json_schema_input_type=table)
 
 
 class Case(Table):
@@ -283,8 +298,8 @@ class Case(Table):
     ]
     solid: MaterialTable = Field(alias="material")
     counterface: CounterfaceTable | None = None
-    load: Annotated[Load, _part(Load, LoadTable)]
-    body: Annotated[Body, _part(Body, BodyTable)] = Field(default_factory=Body)
+    load: Annotated[Load, _from_table(Load, LoadTable)]
+    body: Annotated[Body, _from_table(Body, BodyTable)] = Field(default_factory=Body)
     gate: list[GateTable] = key("comparisons, which `epcontact verify` needs", [])
     sweep: SweepTable | None = key("values that a sweep gives to keys", None)
     theory: TheoryTable | None = None
@@ -301,61 +316,68 @@ class Case(Table):
         """Keep the file and the size of the tables, and what is asked for most
         often.
         """
-        about = {"id": self.head.id, "methods": tuple(self.head.methods)}
-        self.__dict__.update(path=context["path"], size=context["size"], **about)
+        self.__dict__.update(
+            path=context["path"],
+            size=context["size"],
+            id=self.head.id,
+            methods=tuple(self.head.methods),
+        )
 
     def changed(self, **values: Any) -> Case:
-        """Return a copy in which fields or properties have other values, and the rest
-        its own.
-        """
-        own = {
-            name: getattr(self, name)
-            for name in ("recipes", "options", "gates", *values)
-        }
-        return self.model_copy(update=own | values)
+        """Return a copy in which some fields or properties have other values."""
+        saved = ("recipes", "options", "gates", *values)
+        unchanged = {name: getattr(self, name) for name in saved}
+        return self.model_copy(update=unchanged | values)
+
+    # --- what is solved
 
     @cached_property
     def options(self) -> Mapping[str, Mapping[str, Any]]:
-        """The options of each method."""
-        tables = {
-            name: getattr(self, METHODS[name].table or "", None)
-            for name in self.methods
-        }
-        return {
-            n: t.model_dump(exclude_none=True) if t else {} for n, t in tables.items()
-        }
+        """The options of each method, by the keys of its table."""
+        options = {}
+        for name in self.methods:
+            table = getattr(self, METHODS[name].table or "", None)
+            options[name] = table.model_dump(exclude_none=True) if table else {}
+        return options
 
     @cached_property
     def skip(self) -> str:
         """The sentence that says why the case cannot run here, or ""."""
         if isinstance(self.surface, surfaces.SurfaceAbsent):
             return f"skipped: {self.surface}"
-        missing = next((m for name in self.methods if (m := METHODS[name].missing)), "")
-        return f"skipped: {missing}" if missing else ""
+        for name in self.methods:
+            if METHODS[name].missing:
+                return f"skipped: {METHODS[name].missing}"
+        return ""
 
     @cached_property
     def recipes(self) -> tuple[surfaces.Recipe, ...]:
-        """The recipes of the surfaces; none if the case is skipped."""
-        found = () if self.skip else surfaces.recipes_of(self.surface)
+        """The recipes of the surfaces; none if the case is skipped.
+
+        Raises InvalidScene if the two bodies have different numbers of surfaces.
+        """
+        recipes = () if self.skip else surfaces.recipes_of(self.surface)
         above = self.counterface.surface if self.counterface else None
-        if not found or above is None:
-            return found
+        if not recipes or above is None:
+            return recipes
         others = surfaces.recipes_of(above)
-        others = others * len(found) if len(others) == 1 else others
-        if len(others) != len(found):
+        if len(others) == 1:
+            others *= len(recipes)
+        if len(others) != len(recipes):
             raise InvalidScene(
-                f"[surface] has {len(found)} seeds and [counterface.surface] {len(others)}; give "
-                "as many, or one to the counterface"
+                f"[surface] has {len(recipes)} seeds and [counterface.surface] "
+                f"{len(others)}; give as many, or one to the counterface"
             )
-        return tuple(map(surfaces.Facing, found, others))
+        return tuple(map(surfaces.Facing, recipes, others))
 
     @cached_property
     def both(self) -> Material:
-        """The elastic body that stands for that of [material] and the counterface, if
-        any.
+        """The elastic body of the same E* as the body of [material] and the counterface
+        together.
         """
         body = Material(self.solid.young_modulus, self.solid.poisson_ratio)
-        if (other := self.counterface) is None:
+        other = self.counterface
+        if other is None:
             return body
         return combined_material(
             body, Material(other.young_modulus, other.poisson_ratio)
@@ -363,106 +385,151 @@ class Case(Table):
 
     @property
     def two_bodies(self) -> dict[str, Any]:
-        """What a result says of its two bodies in the place of the one that stands for
-        them.
-        """
-        if (other := self.counterface) is None:
+        """What a result says of its two bodies instead of the one that replaces them."""
+        other = self.counterface
+        if other is None:
             return {}
         rough = "rough" if other.surface is not None else "flat"
         moduli = f"E = {other.young_modulus:g} Pa, nu = {other.poisson_ratio:g}"
-        told = f"{rough} elastic half-space, {moduli}; the hardness is that of the first body"
+        words = (
+            f"{rough} elastic half-space, {moduli}; the hardness is that of the first "
+            "body"
+        )
         if self.solid.hardness == "effective":
-            told += ", of J2 bodies that touch a rigid flat at the E* of both"
-        name = "Young's modulus E of the first body; E* is that of both"
+            words += ", of J2 bodies that touch a rigid flat at the E* of both"
         return {
             "young_modulus": {
                 "value": self.solid.young_modulus,
                 "unit": "Pa",
-                "meaning": name,
+                "meaning": "Young's modulus E of the first body; E* is that of both",
             },
-            "counterface": {"value": told, "unit": "", "meaning": "counterface"},
+            "counterface": {"value": words, "unit": "", "meaning": "counterface"},
         }
 
     @cached_property
-    def mapped(self) -> tuple[MappedHardness, ...]:
-        """The map's hardness of each load, or of the largest before it, where it is
-        effective.
-        """
-        given, surface = self.solid, self.surface
-        if given.hardness != "effective" or isinstance(surface, surfaces.SurfaceAbsent):
-            return ()
-        if not isinstance(
-            surface, surfaces.SelfAffineEnsemble | surfaces.HeightsFromFile
-        ) or (len(surfaces.recipes_of(surface)[0].shape) == 1):
-            raise InvalidScene(
-                "hardness is 'effective', which is known for rough surfaces only, those of kind "
-                "self_affine and the maps of kind file; give it in Pa"
-            )
-        if self.body.depth < min(surface.periods):
-            raise InvalidScene(
-                f"hardness is 'effective', which is known for deep bodies, but [body] depth is "
-                f"{self.body.depth:g} m and the period {min(surface.periods):g} m; give it in Pa"
-            )
-        if self.counterface is not None and self.counterface.surface is not None:
-            slope = inner_moments(self.recipes[0].build()).rms_slope
-        elif isinstance(
-            surface, surfaces.HeightsFromFile
-        ):  # as it is after its treatment
-            surfaces.require_room(surface.shape)
-            slope = inner_moments(surface.build()).rms_slope
-        else:
-            slope = surface.rms_slope
-        return tuple(
-            self.cap_at(slope, p) for p in itertools.accumulate(self.load.path, max)
-        )
-
-    @property
-    def mapped_hardness(self) -> MappedHardness | None:
-        """The map's hardness at the largest mean pressure."""
-        return max(self.mapped, key=lambda found: found.load, default=None)
-
-    @property
-    def told_hardness(self) -> str:
-        """The effective hardness of each load, with what is known of the largest; or
-        "".
-        """
-        begin, _, end = str(self.mapped_hardness or "").partition("\n")
-        loads = {found.load * self.solid.yield_stress: found for found in self.mapped}
-        each = [
-            f"at {p:.4g} Pa: {found}".partition("\n")[0] for p, found in loads.items()
-        ]
-        return "\n".join([*(each if len(each) > 1 else [begin]), end]).strip()
+    def material(self) -> Material:
+        """The material.  Raises InvalidScene."""
+        values = self.solid.model_dump(include={f.name for f in fields(Material)})
+        if values["hardness"] == "effective":
+            # A case without its surface is skipped, and nothing asks for its hardness.
+            values["hardness"] = getattr(self.mapped_hardness, "value", math.inf)
+        values["young_modulus"] = self.both.young_modulus
+        return Material(**values)
 
     @property
     def conductances(self) -> dict[str, float]:
-        """What a conductance times resistivity is multiplied by, by kinds, where both
-        bodies' are given.
+        """Factor that converts conductance × resistivity (1/m) to W/(m² K) or S/m², for
+        each kind of conductivity given for both bodies.
         """
-        given = self.solid.model_dump(
-            include={f"{kind}_conductivities" for kind in CONDUCTING}
+        names = {f"{kind}_conductivities" for kind in CONDUCTING}
+        factors = {}
+        for name, conductivities in self.solid.model_dump(include=names).items():
+            if conductivities:
+                kind = name.partition("_")[0]
+                factors[kind] = 1 / sum(1 / value for value in conductivities)
+        return factors
+
+    @property
+    def lists_loads(self) -> bool:
+        """Whether a verification measures and prints each load.
+
+        It does so for a path, for a measured map, for conductances, and under an
+        effective hardness, whose interval is a part of the error of each value.
+        """
+        return (
+            len(self.load.path) > 1
+            or isinstance(self.surface, surfaces.HeightsFromFile)
+            or bool(self.conductances)
+            or self.solid.hardness == "effective"
         )
-        return {
-            n.partition("_")[0]: 1 / sum(1 / k for k in both)
-            for n, both in given.items()
-            if both
-        }
+
+    # --- the effective hardness
+
+    @cached_property
+    def mapped(self) -> tuple[MappedHardness, ...]:
+        """The effective hardness of each load, from the map; () if it is given in Pa.
+
+        A load below an earlier one keeps the hardness of the largest load so far.
+        Raises InvalidScene if the map does not know such a scene.
+        """
+        surface = self.surface
+        effective = self.solid.hardness == "effective"
+        if not effective or isinstance(surface, surfaces.SurfaceAbsent):
+            return ()
+        self._require_mapped(surface)
+        if self.counterface is not None and self.counterface.surface is not None:
+            slope = inner_moments(self.recipes[0].build()).rms_slope
+        elif isinstance(surface, surfaces.SelfAffineEnsemble):
+            slope = surface.rms_slope
+        else:  # of a map, the slope is that after its treatment
+            surfaces.require_room(surface.shape)
+            slope = inner_moments(surface.build()).rms_slope
+        peaks = itertools.accumulate(self.load.path, max)
+        return tuple(self.cap_at(slope, peak) for peak in peaks)
+
+    def _require_mapped(self, surface: Any) -> None:
+        """Raise InvalidScene if the map of the hardness does not cover the surface or
+        the body.
+        """
+        known = (surfaces.SelfAffineEnsemble, surfaces.HeightsFromFile)
+        is_known = isinstance(surface, known)
+        if not is_known or len(surfaces.recipes_of(surface)[0].shape) == 1:
+            raise InvalidScene(
+                "hardness is 'effective', which is known for rough surfaces only, "
+                "those of kind self_affine and the maps of kind file; give it in Pa"
+            )
+        period = min(surface.periods)
+        if self.body.depth < period:
+            raise InvalidScene(
+                "hardness is 'effective', which is known for deep bodies, but [body] "
+                f"depth is {self.body.depth:g} m and the period {period:g} m; give it "
+                "in Pa"
+            )
+
+    @property
+    def mapped_hardness(self) -> MappedHardness | None:
+        """The effective hardness at the largest mean pressure; None if it is given."""
+        return max(self.mapped, key=lambda of_load: of_load.load, default=None)
+
+    @property
+    def told_hardness(self) -> str:
+        """The effective hardness of each load, in lines, with what is known of the
+        largest; or "".
+        """
+        first, _, rest = str(self.mapped_hardness or "").partition("\n")
+        yield_stress = self.solid.yield_stress
+        by_load = {of_load.load * yield_stress: of_load for of_load in self.mapped}
+        lines = [
+            f"at {pressure:.4g} Pa: {of_load}".partition("\n")[0]
+            for pressure, of_load in by_load.items()
+        ]
+        if len(lines) <= 1:
+            lines = [first]
+        return "\n".join([*lines, rest]).strip()
 
     @property
     def breadth(self) -> float | None:
-        """Wavelength of the roll-off over the shortest of a recipe; None: that of a
-        map.
+        """Wavelength of the roll-off over the shortest one, of a random surface.
+
+        It is None for maps and for two rough bodies, whose breadth is not known.
         """
-        surface, two = (
-            self.surface,
-            self.counterface is not None and self.counterface.surface,
+        surface = self.surface
+        two_rough = (
+            self.counterface is not None and self.counterface.surface is not None
         )
-        if two or not isinstance(surface, surfaces.SelfAffineEnsemble):
+        if two_rough or not isinstance(surface, surfaces.SelfAffineEnsemble):
             return None
         return surface.wavenumber_high / surface.wavenumber_roll_off
 
     def cap_at(self, rms_slope: float, mean_pressure: float) -> MappedHardness:
-        """Return the map's hardness at an rms slope.  Raises InvalidScene outside the
-        map.
+        """Return the effective hardness of the material.
+
+        Args:
+            rms_slope: of the surface, dimensionless.
+            mean_pressure: in Pa.
+
+        Raises:
+            InvalidScene: outside the map.
         """
         return effective_hardness(
             yield_stress=self.solid.yield_stress,
@@ -473,30 +540,15 @@ class Case(Table):
             breadth=self.breadth,
         )
 
-    @property
-    def lists_loads(self) -> bool:
-        """Whether a verification measures and prints each load: of a path, of a
-        measured map, and under an effective hardness, whose interval is a part of each
-        figure's error.
-        """
-        told = isinstance(self.surface, surfaces.HeightsFromFile)
-        own = bool(self.conductances) or self.solid.hardness == "effective"
-        return len(self.load.path) > 1 or told or own
-
-    @cached_property
-    def material(self) -> Material:
-        """The material.  Raises InvalidScene."""
-        given = self.solid.model_dump(include={f.name for f in fields(Material)})
-        if given["hardness"] == "effective":
-            # A case without its surface is skipped, and nothing asks for its cap.
-            given["hardness"] = getattr(self.mapped_hardness, "value", math.inf)
-        return Material(**given | {"young_modulus": self.both.young_modulus})
-
     @cached_property
     def hardness_source(self) -> str:
-        """The effective hardness and what it rests on, or ""."""
-        found = self.mapped_hardness
-        return "" if found is None else f"{found}; {found.source}".replace("\n", " ")
+        """The effective hardness and what it rests on, in one line; or ""."""
+        mapped = self.mapped_hardness
+        if mapped is None:
+            return ""
+        return f"{mapped}; {mapped.source}".replace("\n", " ")
+
+    # --- what is judged
 
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
@@ -526,6 +578,8 @@ class Case(Table):
             for gate in self.gate
             if gate.sizes and self.size not in gate.sizes
         )
+
+    # --- its scenes and its folder
 
     def digest(self, recipe: surfaces.Recipe) -> str:
         """Return the digest of the scene on a surface, without making the surface."""

@@ -9,7 +9,6 @@ of it completes the file's gate on the same quantity or, if there is none, is ad
 from __future__ import annotations
 
 import contextlib
-import functools
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,21 +19,30 @@ from typing import Any
 
 from epcontact.errors import InvalidCase, nearest
 
+#: The sizes that a case may have, from the smallest solve to the largest.
 SIZES = ("fast", "full", "large")
-LARGEST_FILE = 1 << 20  # bytes; a case is a page of text
-LONGEST = 300  # digits of a number; parts of a key, which take the square of their number to read
+#: Bytes of the largest case file; a case is a page of text.
+LARGEST_FILE = 1 << 20
+#: Digits of the longest number, and parts of the longest key: to read them takes the
+#: square of their number.
+LONGEST = 300
 
 
 @dataclass(frozen=True)
 class CaseText:
-    """One case as its file states it, its variant laid over the rest and its sizes
-    unresolved.
+    """One case as its file states it, its variant laid over the rest.
+
+    Attributes:
+        path: the file.
+        id: the id of the variant, or the name of the file.
+        tables: the tables of the case, with values by size.
+        where: the file, and the variant if there is one, for messages.
     """
 
     path: Path
-    id: str  # of the variant, or the file's name
+    id: str
     tables: Mapping[str, Any]
-    where: str  # the file, and the variant if there is one, for messages
+    where: str
 
     @property
     def sizes(self) -> tuple[str, ...]:
@@ -42,11 +50,12 @@ class CaseText:
         size.
         """
         tables = list(_size_tables(self.tables))
-        return (
-            tuple(s for s in SIZES if all(s in t for t in tables))
-            if tables
-            else ("fast",)
-        )
+        if not tables:
+            return ("fast",)
+        return tuple(size for size in SIZES if all(size in table for table in tables))
+
+
+# --- finding cases
 
 
 def case_name(path: Path) -> str:
@@ -62,91 +71,147 @@ def case_files() -> list[Path]:
 def package_files() -> list[Path]:
     """Return the case files that came with the package."""
     package = Path(str(files("epcontact")))
-    # An editable install has the cases beside the package, a wheel inside it.
-    inside, beside = package / "_cases", package.parent / "cases"
-    return sorted(inside.glob("*.toml")) or sorted(beside.glob("*.toml"))
+    # A wheel has the cases inside the package, an editable install beside it.
+    inside = sorted((package / "_cases").glob("*.toml"))
+    return inside or sorted((package.parent / "cases").glob("*.toml"))
 
 
 def find_cases() -> list[CaseText]:
-    """Return the cases in ./cases or, if there are none, those that came with the
-    package.
-    """
+    """Return the cases in ./cases or, if there are none, those of the package."""
     return [case for file in case_files() for case in read_cases(file)]
 
 
 def find_named(name: str | Path) -> tuple[CaseText, ...]:
-    """Return the case of an id, or all cases of a file in ./cases, of the package or at
-    a path.
+    """Return the case of an id, or all cases of a file.
+
+    Args:
+        name: the id of a case; or a file in ./cases or of the package, without its
+            ending; or the path of a file.
+
+    Raises:
+        InvalidCase: if there is no such case, or if its file cannot be read.
     """
-    path, text = Path(name), str(name)
+    path = Path(name)
     known: dict[str, tuple[CaseText, ...]] = {}
-    # A folder of the user's own cases does not hide those of the package.
-    for folder in (case_files(), package_files()) if path.suffix != ".toml" else ():
-        for file in folder:
-            if case_name(file) == text:
-                return read_cases(file)
-            known.setdefault(case_name(file), ())
-            with contextlib.suppress(
-                InvalidCase
-            ):  # mistakes in that file do not matter here
-                known |= {case.id: (case,) for case in read_cases(file)}
-        if text in known:
-            return known[text]
+    if path.suffix != ".toml":
+        # A folder of the user's own cases does not hide those of the package.
+        for folder in (case_files(), package_files()):
+            found = _find_in(folder, str(name), known)
+            if found:
+                return found
     if path.is_file():
         return read_cases(path)
     if path.suffix == ".toml" or path.exists():
         raise InvalidCase(
             f"{name}: no such case file; `epcontact list` shows the cases"
         )
+    remedy = nearest(str(name), known)
     file = path.with_name(f"{path.name}.toml")
-    meant = (
-        f"; did you mean the file {file}?" if file.is_file() else nearest(text, known)
-    )
-    raise InvalidCase(f"no case is called {text!r}{meant}")
+    if file.is_file():
+        remedy = f"; did you mean the file {file}?"
+    raise InvalidCase(f"no case is called {str(name)!r}{remedy}")
+
+
+def _find_in(
+    folder: Sequence[Path], name: str, known: dict[str, tuple[CaseText, ...]]
+) -> tuple[CaseText, ...]:
+    """Return the cases of a file of that name, or the one of that id; () if neither is
+    there.
+
+    `known` is filled with the cases that are there, by their names.
+    """
+    for file in folder:
+        if case_name(file) == name:
+            return read_cases(file)
+        known.setdefault(case_name(file), ())
+        with contextlib.suppress(InvalidCase):  # mistakes there are not those of `name`
+            for case in read_cases(file):
+                known[case.id] = (case,)
+    return known.get(name, ())
 
 
 def find_case(name: str | Path) -> CaseText:
-    """Return the one case that a name refers to."""
+    """Return the one case that a name refers to, see `find_named`.
+
+    Raises InvalidCase also if the name is that of a file with several cases.
+    """
     cases = find_named(name)
     # A file may hold a family of which one case has the name of the file.
-    cases = tuple(case for case in cases if case.id == str(name)) or cases
+    named_like_file = [case for case in cases if case.id == str(name)]
+    if named_like_file:
+        return named_like_file[0]
     if len(cases) > 1:
         ids = ", ".join(case.id for case in cases)
         raise InvalidCase(f"{name} holds {len(cases)} cases; name one of them: {ids}")
     return cases[0]
 
 
+# --- reading a file
+
+
 def read_cases(path: Path) -> tuple[CaseText, ...]:
-    """Read the case, or the family of cases, in a file."""
+    """Read the case, or the family of cases, in a file.  Raises InvalidCase."""
     tables = _read(path)
     variants = tables.pop("variant", None)
     if variants is None:
-        return (_offered(CaseText(path, case_name(path), tables, str(path))),)
+        return (_with_size(CaseText(path, case_name(path), tables, str(path))),)
     if not (variants and isinstance(variants, list)):
         raise InvalidCase(
             f"{path}: variant is {variants!r:.60}, but must be tables [[variant]]"
         )
     family: dict[str, CaseText] = {}
     for number, variant in enumerate(variants, start=1):
-        head = variant.get("case") if isinstance(variant, dict) else None
-        name = head.get("id") if isinstance(head, dict) else None
+        name = _id_of(variant)
         if not isinstance(name, str) or name in family:
             raise InvalidCase(
-                f"{path}: variant {number} has the case.id {name!r}, but needs one of its own"
+                f"{path}: variant {number} has the case.id {name!r}, but needs one of "
+                "its own"
             )
         where = f"{path}: variant {name}"
-        family[name] = _offered(
-            CaseText(path, name, _laid_over(where, tables, variant), where)
-        )
+        laid = _laid_over(where, tables, variant)
+        family[name] = _with_size(CaseText(path, name, laid, where))
     return tuple(family.values())
 
 
-def _offered(case: CaseText) -> CaseText:
+def _id_of(variant: Any) -> Any:
+    """Return what a variant has for its case.id; None if it has none."""
+    head = variant.get("case") if isinstance(variant, dict) else None
+    return head.get("id") if isinstance(head, dict) else None
+
+
+def _with_size(case: CaseText) -> CaseText:
+    """Return a case.  Raises InvalidCase if it has no size."""
     if not case.sizes:
         raise InvalidCase(
             f"{case.where}: the values given by size have no size in common"
         )
     return case
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat() and not path.is_file():
+            raise InvalidCase(f"{path}: is no regular file")
+        if path.stat().st_size > LARGEST_FILE:
+            raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
+        text = path.read_bytes().decode("utf-8-sig")
+        _require_short(text)
+        return tomllib.loads(text)
+    except OSError as error:
+        raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
+    # tomllib raises RecursionError if there are too many brackets.
+    except (ValueError, RecursionError) as error:
+        raise InvalidCase(f"{path}: is not TOML in UTF-8: {error}") from None
+
+
+def _require_short(text: str) -> None:
+    """Raise ValueError if a number or a key is so long that it takes minutes to read."""
+    dots = max(re.sub(r"\d\.\d", "", line).count(".") for line in text.split("\n"))
+    if dots > LONGEST or re.search(rf"[\da-fA-F_]{{{LONGEST}}}", text):
+        raise ValueError(f"a number has {LONGEST} digits, or a key as many parts")
+
+
+# --- values by size, and variants
 
 
 def at_size(value: Any, size: str) -> Any:
@@ -155,7 +220,9 @@ def at_size(value: Any, size: str) -> Any:
         return value[size]
     if isinstance(value, Mapping):
         return {key: at_size(item, size) for key, item in value.items()}
-    return [at_size(item, size) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [at_size(item, size) for item in value]
+    return value
 
 
 def _is_size_table(value: Any) -> bool:
@@ -163,6 +230,7 @@ def _is_size_table(value: Any) -> bool:
 
 
 def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Yield every table of sizes in a value."""
     if _is_size_table(value):
         yield value
     elif isinstance(value, Mapping | list):
@@ -173,50 +241,32 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
 def _laid_over(
     where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return tables with the keys of a variant in the place of their own."""
+    """Return tables whose keys are replaced by those of a variant."""
     laid = dict(tables)
     for name, table in variant.items():
         below = tables.get(name)
         if name == "gate" and isinstance(below, list) and isinstance(table, list):
-            laid[name] = functools.reduce(
-                functools.partial(_completed, where), table, below
-            )
+            for gate in table:
+                laid[name] = _with_gate(where, laid[name], gate)
+        elif isinstance(below, dict) and isinstance(table, dict):
+            laid[name] = below | table
         else:
-            both = isinstance(below, dict) and isinstance(table, dict)
-            laid[name] = below | table if both else table
+            laid[name] = table
     return laid
 
 
-def _completed(where: str, gates: Sequence[Any], more: Any) -> list[Any]:
-    """Return gates, one of which is completed by another on its quantity, or that one
-    added.
+def _with_gate(where: str, gates: Sequence[Any], gate: Any) -> list[Any]:
+    """Return gates with another one.
+
+    It completes the gate on the same quantity or, if there is none, is added.  Raises
+    InvalidCase if it could complete several.
     """
-    quantity = more.get("quantity") if isinstance(more, dict) else None
+    quantity = gate.get("quantity") if isinstance(gate, dict) else None
     same = [g for g in gates if isinstance(g, dict) and g.get("quantity") == quantity]
     if quantity is None or not same:
-        return [*gates, more]
+        return [*gates, gate]
     if len(same) > 1:
         raise InvalidCase(
             f"{where}: its gate on {quantity!r} could complete any of {len(same)}"
         )
-    return [g | more if g is same[0] else g for g in gates]
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat() and not path.is_file():
-            raise InvalidCase(f"{path}: is no regular file")
-        if path.stat().st_size > LARGEST_FILE:
-            raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
-        text = path.read_bytes().decode("utf-8-sig")
-        dots = max(re.sub(r"\d\.\d", "", line).count(".") for line in text.split("\n"))
-        if dots > LONGEST or re.search(rf"[\da-fA-F_]{{{LONGEST}}}", text):
-            raise ValueError(f"a number has {LONGEST} digits, or a key as many parts")
-        return tomllib.loads(text)
-    except OSError as error:
-        raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # of TOML, of UTF-8, and of too many brackets
-        raise InvalidCase(f"{path}: is not TOML in UTF-8: {error}") from None
+    return [g | gate if g is same[0] else g for g in gates]

@@ -26,34 +26,34 @@ MOST = 0.5
 
 
 @quantity("–")
-def filled_contact(a: SolvedScene) -> float:
+def filled_contact(solved: SolvedScene) -> float:
     """fraction of the grid points in contact whose heights were filled or replaced, not measured.
 
     It is 0 for a surface without such heights.
     """
-    return _fraction_on_filled(a, a.pressure > 0)
+    return _fraction_on_filled(solved, solved.pressure > 0)
 
 
 @quantity("–")
-def filled_load(a: SolvedScene) -> float:
+def filled_load(solved: SolvedScene) -> float:
     """fraction of the load on grid points whose heights were filled or replaced, not measured.
 
     It is 0 for a surface without such heights.
     """
-    return _fraction_on_filled(a, a.pressure)
+    return _fraction_on_filled(solved, solved.pressure)
 
 
-def _fraction_on_filled(a: SolvedScene, values: NDArray[Any]) -> float:
+def _fraction_on_filled(solved: SolvedScene, values: NDArray[Any]) -> float:
     """Return the sum of values at the filled points over that at all points.
 
     Raises InvalidCase if the sum over all points is 0, because nothing is in contact.
     """
-    if a.scene.surface.filled is None:
+    if solved.scene.surface.filled is None:
         return 0.0
     total = float(values.sum())
     if total == 0:
         raise InvalidCase("nothing is in contact, so that no point carries load")
-    return float(values[a.scene.surface.filled].sum()) / total
+    return float(values[solved.scene.surface.filled].sum()) / total
 
 
 def filled_notes(steps: Sequence[LoadStep]) -> tuple[str, ...]:

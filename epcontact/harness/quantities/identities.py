@@ -18,13 +18,13 @@ from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.reference.layers import compliance
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
-_SAME = (
-    1e-6  # share of the largest energy of a path below which a change of it is an error
-)
+#: Fraction of the largest energy of a path: a smaller change of the energy is an error
+#: of rounding.
+_SAME = 1e-6
 
 
 @quantity("–")
-def measured_areas(a: SolvedScene) -> float:
+def measured_areas(solved: SolvedScene) -> float:
     """largest error of the areas that needs no reference: counts of the pressures,
     sums.
 
@@ -32,28 +32,33 @@ def measured_areas(a: SolvedScene) -> float:
     plastic in the raw and the corrected areas of every load step; the mean pressures
     are those of the load path.
     """
-    raw, path, steps = a.result.final.areas["raw"], a.scene.load.path, a.result.steps
-    total = float((a.pressure > 0).mean())
-    # J2 flow has no pressure of its own: its plastic area is that of the reported
-    # states.
-    plastic = float((a.field("state") == PLASTIC if a.flows else a.at_the_cap).mean())
-    wrong = [raw.total - total, raw.plastic - plastic, raw.elastic - (total - plastic)]
+    path, steps = solved.scene.load.path, solved.result.steps
     if len(path) != len(steps):
-        method = a.result.method
         raise InvalidCase(
-            f"{method} has {len(steps)} load steps for {len(path)} mean pressures"
+            f"{solved.result.method} has {len(steps)} load steps for {len(path)} mean "
+            "pressures"
         )
+    raw = solved.result.final.areas["raw"]
+    total = float((solved.pressure > 0).mean())
+    plastic_points = solved.at_the_cap
+    if solved.flows:  # no pressure shows J2 flow: the states that are reported do
+        plastic_points = solved.field("state") == PLASTIC
+    plastic = float(plastic_points.mean())
+    errors = [
+        raw.total - total,
+        raw.plastic - plastic,
+        raw.elastic - (total - plastic),
+    ]
     for mean_pressure, step in zip(path, steps, strict=True):
-        wrong.append((step.mean_pressure - mean_pressure) / a.load_scale)
-        parts = (
-            area for kind, area in step.areas.items() if kind in ("raw", "corrected")
-        )
-        wrong += [area.total - area.elastic - area.plastic for area in parts]
-    return float(np.abs(wrong).max())
+        errors.append((step.mean_pressure - mean_pressure) / solved.load_scale)
+        for kind, area in step.areas.items():
+            if kind in ("raw", "corrected"):
+                errors.append(area.total - area.elastic - area.plastic)
+    return float(np.abs(errors).max())
 
 
 @quantity("–")
-def measured_figures(a: SolvedScene) -> float:
+def measured_figures(solved: SolvedScene) -> float:
     """largest difference of a reported mean, energy or pressure from that of the
     fields.
 
@@ -61,117 +66,138 @@ def measured_figures(a: SolvedScene) -> float:
     rms height or by the energy itself, whichever is larger.  J2 flow has no elastic
     energy at the surface.
     """
-    p, height, p0 = a.pressure, a.height_scale, a.load_scale
-    expected = {"largest_pressure": (float(p.max()), p0)}
-    if (touching := p > 0).any():
-        expected["mean_contact_pressure"] = (float(p[touching].mean()), p0)
-    if "gap" in a.result.fields:
-        gap = a.field("gap")
-        if "plastic_displacement" in a.result.fields and not a.flows:
-            sunk = a.field("plastic_displacement")
-        else:
-            sunk = np.where(a.at_the_cap & (not a.flows), -gap, 0)
-        expected["mean_gap"] = (float(np.maximum(gap + sunk, 0).mean()), height)
-        expected["mean_separation"] = (float(gap.mean()), height)
-        expected["mean_plastic_displacement"] = (float(sunk.mean()), height)
-        if sunk.any():
-            work = a.scene.material.hardness * float(sunk.mean())
-            expected["plastic_work"] = (work, p0 * height)
-    if "displacement" in a.result.fields and not a.flows:
-        energy = float(np.vdot(p, a.field("displacement"))) / p.size / 2
+    pressure, height, p0 = solved.pressure, solved.height_scale, solved.load_scale
+    fields = solved.result.fields
+    # Value and scale of each quantity, as they follow from the fields.
+    expected = {"largest_pressure": (float(pressure.max()), p0)}
+    touching = pressure > 0
+    if touching.any():
+        mean = float(pressure[touching].mean())
+        expected["mean_contact_pressure"] = (mean, p0)
+    if "gap" in fields:
+        expected |= _expected_of_gap(solved)
+    if "displacement" in fields and not solved.flows:
+        work = float(np.vdot(pressure, solved.field("displacement")))
+        energy = work / pressure.size / 2
         expected["elastic_energy"] = (energy, max(p0 * height, abs(energy)))
-    reported = a.result.final.quantities
-    wrong = [
-        (reported[k] - x) / unit for k, (x, unit) in expected.items() if k in reported
+    reported = solved.result.final.quantities
+    errors = [
+        (reported[name] - value) / scale
+        for name, (value, scale) in expected.items()
+        if name in reported
     ]
     parts = ("mean_gap", "mean_plastic_displacement", "mean_separation")
-    for step in a.result.steps:  # fields show the last step only
+    for step in solved.result.steps:  # fields show the last step only
         if all(name in step.quantities for name in parts):
-            gap_left, lowered, apart = (step.quantities[name] for name in parts)
-            wrong.append((gap_left - lowered - apart) / height)
-    return float(np.abs(wrong).max(initial=0.0))
+            gap, lowered, separation = (step.quantities[name] for name in parts)
+            errors.append((gap - lowered - separation) / height)
+    return float(np.abs(errors).max(initial=0.0))
+
+
+def _expected_of_gap(solved: SolvedScene) -> dict[str, tuple[float, float]]:
+    """Return the quantities that follow from the gap, each with its scale."""
+    gap, height = solved.field("gap"), solved.height_scale
+    if "plastic_displacement" in solved.result.fields and not solved.flows:
+        lowered = solved.field("plastic_displacement")
+    else:
+        lowered = np.where(solved.at_the_cap & (not solved.flows), -gap, 0)
+    mean_lowered = float(lowered.mean())
+    expected = {
+        "mean_gap": (float(np.maximum(gap + lowered, 0).mean()), height),
+        "mean_separation": (float(gap.mean()), height),
+        "mean_plastic_displacement": (mean_lowered, height),
+    }
+    if lowered.any():
+        work = solved.scene.material.hardness * mean_lowered
+        expected["plastic_work"] = (work, solved.load_scale * height)
+    return expected
 
 
 @quantity("–")
-def measured_fields(a: SolvedScene) -> float:
+def measured_fields(solved: SolvedScene) -> float:
     """largest error of heights, displacement, gap (over the rms height) and state.
 
     They follow from the pressures and the heights alone; a point in a wrong state
     counts as 1.
     """
-    p, fields, height = a.pressure, a.result.fields, a.height_scale
-    wrong = [0.0]
+    fields, height = solved.result.fields, solved.height_scale
+    errors = [0.0]
     if "heights" in fields:
-        wrong.append(
-            np.abs(a.field("heights") - a.scene.surface.heights).max() / height
-        )
+        difference = solved.field("heights") - solved.scene.surface.heights
+        errors.append(np.abs(difference).max() / height)
     if "displacement" in fields:
-        wrong.append(np.abs(a.field("displacement") - a.displacement).max() / height)
+        difference = solved.field("displacement") - solved.displacement
+        errors.append(np.abs(difference).max() / height)
     if "gap" in fields:
-        gap, touching = a.open_gap
-        missed = a.field("gap") - gap
-        if a.unloads:
-            missed += a.field("plastic_displacement")
-        if (
-            not touching.any()
-        ):  # the flat may be anywhere between the points on their bounds
-            missed -= missed.mean()
-        wrong.append(np.abs(missed).max() / height)
+        gap, touching = solved.open_gap
+        difference = solved.field("gap") - gap
+        if solved.unloads:
+            difference += solved.field("plastic_displacement")
+        if not touching.any():
+            # The flat may be anywhere between the points on their bounds.
+            difference -= difference.mean()
+        errors.append(np.abs(difference).max() / height)
     if "state" in fields:
-        state = np.where(p > 0, np.where(a.at_the_cap, PLASTIC, ELASTIC), APART)
-        wrong.append(float((a.field("state") != state).any()))
-    return float(np.max(wrong))
+        in_contact = np.where(solved.at_the_cap, PLASTIC, ELASTIC)
+        state = np.where(solved.pressure > 0, in_contact, APART)
+        errors.append(float((solved.field("state") != state).any()))
+    return float(np.max(errors))
 
 
 @quantity("–")
-def measured_distribution(a: SolvedScene) -> float:
+def measured_distribution(solved: SolvedScene) -> float:
     """largest difference of the distribution from a count of the pressures.
 
-    The count is that of the definition of `PressureDistribution`; it is a share of the
-    whole area.
+    The count is that of the definition of `PressureDistribution`; it is a fraction of
+    the nominal area.
     """
-    found, plastic = a.distribution, a.at_the_cap & (not a.flows)
-    elastic = np.sort(a.pressure[(a.pressure > 0) & ~plastic])
-    counted = np.searchsorted(elastic, found.pressure, side="right") / a.pressure.size
-    wrong = np.abs(found.cumulative - counted).max()
-    return float(
-        max(wrong, abs(found.plastic - plastic.mean()), abs(found.pressure[0]))
-    )
+    pressure, reported = solved.pressure, solved.distribution
+    plastic = solved.at_the_cap & (not solved.flows)
+    elastic = np.sort(pressure[(pressure > 0) & ~plastic])
+    counts = np.searchsorted(elastic, reported.pressure, side="right")
+    errors = [
+        np.abs(reported.cumulative - counts / pressure.size).max(),
+        abs(reported.plastic - plastic.mean()),
+        abs(reported.pressure[0]),
+    ]
+    return float(max(errors))
 
 
 @quantity("–")
-def measured_residuals(a: SolvedScene) -> float:
+def measured_residuals(solved: SolvedScene) -> float:
     """largest relative error of the reported residuals of the gap.
 
     It is for a loose solve, whose residuals are far above rounding.
     """
-    (gap, touching), height = a.open_gap, a.height_scale
-    wrong_sign = np.where(a.pressure <= 0, -gap, gap)
-    own = {
+    (gap, touching), height = solved.open_gap, solved.height_scale
+    wrong_sign = np.where(solved.pressure <= 0, -gap, gap)
+    residuals = {
         "gap_elastic": float(np.abs(gap[touching]).max(initial=0.0)) / height,
         "gap_sign": float(wrong_sign[~touching].max(initial=0.0)) / height,
     }
-    reported = a.result.final.residuals
-    if missing := sorted(own.keys() - reported.keys()):
+    reported = solved.result.final.residuals
+    missing = sorted(residuals.keys() - reported.keys())
+    if missing:
         raise InvalidCase(
-            f"{a.result.method} does not report the residual {missing[0]}"
+            f"{solved.result.method} does not report the residual {missing[0]}"
         )
-    return max(abs(reported[name] - value) for name, value in own.items()) / max(
-        own.values()
-    )
+    errors = [abs(reported[name] - value) for name, value in residuals.items()]
+    return max(errors) / max(residuals.values())
 
 
 @quantity("–", needs=())
-def distribution_balance(a: SolvedScene) -> float:
+def distribution_balance(solved: SolvedScene) -> float:
     """largest error of the distribution's areas (over the contact) and of its load
     (over p0).
 
     The load of a table is linear between its pressures.
     """
-    found, raw = a.distribution, a.result.final.areas["raw"]
-    elastic = raw.total if a.flows else raw.elastic
-    wrong = [found.cumulative[-1] - elastic, found.plastic - (raw.total - elastic)]
-    return float(max(np.abs(wrong).max() / raw.total, abs(measured_carried(a))))
+    reported, raw = solved.distribution, solved.result.final.areas["raw"]
+    elastic = raw.total if solved.flows else raw.elastic
+    plastic = raw.total - elastic
+    errors = [reported.cumulative[-1] - elastic, reported.plastic - plastic]
+    area_error = np.abs(errors).max() / raw.total
+    return float(max(area_error, abs(measured_carried(solved))))
 
 
 # --- along a load path
@@ -179,14 +205,12 @@ def distribution_balance(a: SolvedScene) -> float:
 
 
 @quantity("–", needs=())
-def cycle_area(a: SolvedScene) -> float:
+def cycle_area(solved: SolvedScene) -> float:
     """total area at the last load over that when the path first had this load, less
     1.
     """
-    last = a.result.final
-    first = next(
-        step for step in a.result.steps if step.mean_pressure == last.mean_pressure
-    )
+    steps, last = solved.result.steps, solved.result.final
+    first = next(step for step in steps if step.mean_pressure == last.mean_pressure)
     if first is last:
         raise InvalidCase(
             "the last mean pressure of the path is not one that it had before"
@@ -199,75 +223,77 @@ def cycle_area(a: SolvedScene) -> float:
 
 
 @quantity("–", needs=())
-def path_work(a: SolvedScene) -> float:
+def path_work(solved: SolvedScene) -> float:
     """work of the load path over the energy that it leaves, less 1; by Simpson's rule.
 
     The flat approaches by d = p d(q = 0) - separation, and its work int p dd is stored
     as elastic energy or spent on flow.  It is integrated by parts over the loads of
     each branch, up or down.
     """
-    if len(a.result.steps) < 3:
+    if len(solved.result.steps) < 3:
         raise InvalidCase(
             "the work of a path is measured along three mean pressures or more"
         )
-    load = np.array(a.scene.load.path)
-    approach, energy = _approach_and_energy(a, load)
+    load = np.array(solved.scene.load.path)
+    approach, energy = _approach_and_energy(solved, load)
     left = float(energy[-1] - energy[0])
     if abs(left) <= _SAME * float(np.abs(energy).max()):
         raise InvalidCase(
-            "the work of a path is measured by the energy that it leaves, but this path ends with "
-            "the energy that it began with; let it end at another load"
+            "the work of a path is measured by the energy that it leaves, but this path "
+            "ends with the energy that it began with; let it end at another load"
         )
     return _work(load, approach) / left - 1
 
 
 def _approach_and_energy(
-    a: SolvedScene, load: FloatArray
+    solved: SolvedScene, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the approach (m) and the energy (J/m^2, stored or spent) at each load
     step.
 
     The work of flow is that of J2, or the hardness times the mean plastic displacement;
-    where that is not reported, it is the mean gap less the separation.  The elastic
-    theory reports a mean gap alone.
+    if that is not reported, it is the mean gap less the separation.  The elastic theory
+    reports a mean gap alone.
     """
-    if a.flows:
-        return _along(a, "approach"), _along(a, "stored_energy") + _along(
-            a, "plastic_work"
-        )
-    last, hardness = a.result.final.quantities, a.scene.material.hardness
-    gap, energy = _along(a, "mean_gap"), _along(a, "elastic_energy")
-    theory = np.isinf(hardness) and "mean_separation" not in last
-    separation = gap if theory else _along(a, "mean_separation")
+    if solved.flows:
+        stored = _along(solved, "stored_energy")
+        return _along(solved, "approach"), stored + _along(solved, "plastic_work")
+    reported = solved.result.final.quantities
+    hardness = solved.scene.material.hardness
+    gap = _along(solved, "mean_gap")
+    energy = _along(solved, "elastic_energy")
+    is_theory = np.isinf(hardness) and "mean_separation" not in reported
+    separation = gap if is_theory else _along(solved, "mean_separation")
     if np.isfinite(hardness):
-        known = "mean_plastic_displacement" in last
-        sunk = _along(a, "mean_plastic_displacement") if known else gap - separation
-        energy = energy + hardness * sunk
-    compressed = load * float(
-        compliance(a.scene).flat[0]
-    )  # of a layer, by the mean pressure
-    return compressed - separation, energy
+        lowered = gap - separation
+        if "mean_plastic_displacement" in reported:
+            lowered = _along(solved, "mean_plastic_displacement")
+        energy = energy + hardness * lowered
+    # A layer is compressed by the mean pressure.
+    compression = load * float(compliance(solved.scene).flat[0])
+    return compression - separation, energy
 
 
-def _along(a: SolvedScene, name: str) -> FloatArray:
-    """Return a figure at each load step."""
-    if not all(name in step.quantities for step in a.result.steps):
+def _along(solved: SolvedScene, name: str) -> FloatArray:
+    """Return a quantity at each load step.  Raises InvalidCase if one lacks it."""
+    steps = solved.result.steps
+    if not all(name in step.quantities for step in steps):
         raise InvalidCase(
-            f"{a.result.method} does not report {name} at every load step"
+            f"{solved.result.method} does not report {name} at every load step"
         )
-    return np.array([step.quantities[name] for step in a.result.steps])
+    return np.array([step.quantities[name] for step in steps])
 
 
 def _work(load: FloatArray, approach: FloatArray) -> float:
-    """Integrate the load over the approach, branch by branch."""
+    """Return the integral of the load over the approach, branch by branch."""
     from scipy.integrate import simpson  # slow to load
 
-    moved = np.append(True, np.diff(load) != 0)  # a load that is repeated does no work
+    moved = np.append(True, np.diff(load) != 0)  # a repeated load does no work
     load, approach = load[moved], approach[moved]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(load)))) + 1
     ends = [0, *turns.tolist(), load.size - 1]
-    done = load[-1] * approach[-1] - load[0] * approach[0]
+    work = load[-1] * approach[-1] - load[0] * approach[0]
     for first, last in itertools.pairwise(ends):
         branch = slice(first, last + 1)
-        done -= simpson(approach[branch], x=load[branch])
-    return float(done)
+        work -= simpson(approach[branch], x=load[branch])
+    return float(work)

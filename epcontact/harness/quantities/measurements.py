@@ -22,49 +22,49 @@ from epcontact.results import APART, ELASTIC, PLASTIC
 
 
 @quantity("m", needs=())
-def surface_rms_height(a: SolvedScene) -> float:
+def surface_rms_height(solved: SolvedScene) -> float:
     """rms height of the surface."""
-    return a.scene.surface.rms_height
+    return solved.scene.surface.rms_height
 
 
 @quantity("–", needs=())
-def surface_rms_slope(a: SolvedScene) -> float:
+def surface_rms_slope(solved: SolvedScene) -> float:
     """rms slope of the surface by spectral derivatives."""
-    return roughness.rms_slope(a.scene)
+    return roughness.rms_slope(solved.scene)
 
 
 @quantity("m", needs=())
-def surface_highest(a: SolvedScene) -> float:
+def surface_highest(solved: SolvedScene) -> float:
     """height of the highest point over the mean."""
-    heights = a.scene.surface.heights
+    heights = solved.scene.surface.heights
     return float((heights - heights.mean()).max())
 
 
 @quantity("–", needs=())
-def surface_skewness(a: SolvedScene) -> float:
+def surface_skewness(solved: SolvedScene) -> float:
     """skewness of the heights: of the other sign upside down."""
-    above = a.scene.surface.heights - a.scene.surface.heights.mean()
+    above = solved.scene.surface.heights - solved.scene.surface.heights.mean()
     return float((above**3).mean() / (above**2).mean() ** 1.5)
 
 
-def _summit(a: SolvedScene) -> tuple[int, ...]:
-    heights = a.scene.surface.heights
+def _summit(solved: SolvedScene) -> tuple[int, ...]:
+    heights = solved.scene.surface.heights
     return tuple(
         int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape)
     )
 
 
 @quantity("–", needs=(), name="surface_summit_{}", each={"x": "x", "y": "y"})
-def summit(a: SolvedScene, axis: str) -> float:
+def summit(solved: SolvedScene, axis: str) -> float:
     """place of the highest point along {}, over the period."""
     number = "xy".index(axis)
-    return float(_summit(a)[number] / a.scene.surface.shape[number])
+    return float(_summit(solved)[number] / solved.scene.surface.shape[number])
 
 
 @quantity("1/m", needs=())
-def surface_curvature(a: SolvedScene) -> float:
+def surface_curvature(solved: SolvedScene) -> float:
     """curvature at the highest point by differences, mean over the axes."""
-    surface, summit, curvatures = a.scene.surface, _summit(a), []
+    surface, summit, curvatures = solved.scene.surface, _summit(solved), []
     for axis, d in enumerate(surface.spacing):
         beside = [np.roll(surface.heights, shift, axis)[summit] for shift in (1, -1)]
         curvatures.append((2 * surface.heights[summit] - sum(beside)) / d**2)
@@ -76,69 +76,73 @@ def surface_curvature(a: SolvedScene) -> float:
 
 
 @quantity("–")
-def measured_force(a: SolvedScene) -> float:
+def measured_force(solved: SolvedScene) -> float:
     """mean(p)/p0 - 1.
 
     After a path to zero load it is mean(p) over the largest mean pressure.
     """
-    return (float(a.pressure.mean()) - a.scene.load.final) / a.load_scale
+    return (float(solved.pressure.mean()) - solved.scene.load.final) / solved.load_scale
 
 
 @quantity("–")
-def measured_bounds(a: SolvedScene) -> float:
+def measured_bounds(solved: SolvedScene) -> float:
     """largest distance of p from [0, hardness], over p0."""
-    beyond = float(a.pressure.max()) - a.scene.material.hardness
-    return max(-float(a.pressure.min()), beyond, 0.0) / a.load_scale
+    beyond = float(solved.pressure.max()) - solved.scene.material.hardness
+    return max(-float(solved.pressure.min()), beyond, 0.0) / solved.load_scale
 
 
 @quantity("–")
-def measured_gap(a: SolvedScene) -> float:
+def measured_gap(solved: SolvedScene) -> float:
     """largest violation of the contact conditions (Karush-Kuhn-Tucker) over the rms height:
     |g| where 0 < p < hardness, -g where p = 0, g where p = hardness.
 
     After a path that unloads, the surface is the one that the reported plastic
     displacement has left, on which every contact is elastic.
     """
-    p, (gap, touching) = a.pressure, a.open_gap
+    p, (gap, touching) = solved.pressure, solved.open_gap
     wrong = [
         np.abs(gap[touching]).max(initial=0.0),
         -gap[p <= 0].min(initial=0.0),
-        gap[a.at_the_cap & ~touching].max(initial=0.0),
+        gap[solved.at_the_cap & ~touching].max(initial=0.0),
     ]
-    return float(np.max(wrong)) / a.height_scale
+    return float(np.max(wrong)) / solved.height_scale
 
 
 @quantity("–")
-def measured_raw_total(a: SolvedScene) -> float:
+def measured_raw_total(solved: SolvedScene) -> float:
     """share of grid points with p > 0, less the raw area."""
-    return float((a.pressure > 0).mean()) - a.result.final.areas["raw"].total
+    return float((solved.pressure > 0).mean()) - solved.result.final.areas["raw"].total
 
 
 @quantity("–")
-def measured_raw_plastic(a: SolvedScene) -> float:
+def measured_raw_plastic(solved: SolvedScene) -> float:
     """share of grid points at the hardness, less the raw plastic area."""
-    return float(a.at_the_cap.mean()) - a.result.final.areas["raw"].plastic
+    return float(solved.at_the_cap.mean()) - solved.result.final.areas["raw"].plastic
 
 
 @quantity("–")
-def measured_carried(a: SolvedScene) -> float:
+def measured_carried(solved: SolvedScene) -> float:
     """(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
-    carried, hardness = carried_pressure(a.distribution), a.scene.material.hardness
+    carried, hardness = (
+        carried_pressure(solved.distribution),
+        solved.scene.material.hardness,
+    )
     if math.isfinite(hardness):
-        carried += hardness * a.distribution.plastic
-    return (carried - a.scene.load.final) / a.load_scale
+        carried += hardness * solved.distribution.plastic
+    return (carried - solved.scene.load.final) / solved.load_scale
 
 
 @quantity("Pa")
-def smallest_contact_pressure(a: SolvedScene) -> float:
+def smallest_contact_pressure(solved: SolvedScene) -> float:
     """smallest pressure where p > 0."""
-    touching = a.pressure > 0
-    return float(a.pressure[touching].min()) if touching.any() else 0.0
+    touching = solved.pressure > 0
+    return float(solved.pressure[touching].min()) if touching.any() else 0.0
 
 
 # --- the interface under load
 # --------------------------------------------------------------------
 
+#: What of a limit a quantity is, by the end of its name.
 _KINDS = {
     "": "in the limit of a vanishing grid spacing",
     ".raw": "as the grid's own points have it",
@@ -147,27 +151,33 @@ _KINDS = {
 #: How far a grid of four points a shortest wave was off one of 32: the median, and nine
 #: in ten, of 48 rough surfaces.
 _NUMBERS = {
-    "total": "total contact; no claim: 4 points a shortest wave are off by 7 %, one in ten by 18 %",
-    "elastic": "elastic contact; no claim: a coarse grid breaks its seams, or does not see them",
-    "plastic": "plastic contact; no claim: 4 points are off by 13 %, or see few where little flows",
+    "total": "total contact; no error estimate: 4 points a shortest wave are off by "
+    "7 %, one in ten by 18 %",
+    "elastic": "elastic contact; no error estimate: a coarse grid breaks its seams, or "
+    "does not see them",
+    "plastic": "plastic contact; no error estimate: 4 points are off by 13 %, or see "
+    "few where little flows",
 }
 _LARGEST = {
-    "total": "total contact; no claim: 4 points a shortest wave are off by 4 %, one in ten by 11 %",
-    "elastic": "elastic contact; no claim: 4 points are off by 12 %, one in ten by several times",
-    "plastic": "plastic contact; no claim: 4 points are off by 12 %, one in ten by 70 %",
+    "total": "total contact; no error estimate: 4 points a shortest wave are off by "
+    "4 %, one in ten by 11 %",
+    "elastic": "elastic contact; no error estimate: 4 points are off by 12 %, one in "
+    "ten by several times",
+    "plastic": "plastic contact; no error estimate: 4 points are off by 12 %, one in "
+    "ten by 70 %",
 }
 Limit = Callable[[SolvedScene], interface.Limit]
 
 
 def _limit(unit: str) -> Callable[[Limit], Limit]:
-    """Add three quantities: what a function of an answered scene returns, raw, and its
+    """Add three quantities: what a function of a solved scene returns, raw, and its
     error.
     """
 
     def add(measure: Limit) -> Limit:
-        def of_kind(a: SolvedScene, kind: str) -> float:
+        def of_kind(solved: SolvedScene, kind: str) -> float:
             return float(
-                getattr(a.once(measure), kind.removeprefix(".") or "corrected")
+                getattr(solved.once(measure), kind.removeprefix(".") or "corrected")
             )
 
         meaning = (measure.__doc__ or "").strip().removesuffix(".")
@@ -179,33 +189,37 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
 
 
 @_limit("Pa/m")
-def stiffness_loading(a: SolvedScene) -> interface.Limit:
+def stiffness_loading(solved: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
-    if a.flows:  # a J2 body hardens where it flows, and by how much two more loads tell
+    if (
+        solved.flows
+    ):  # a J2 body hardens where it flows, and by how much two more loads tell
         return interface.Limit(math.nan, math.nan, math.nan)
-    if not (a.field("state") == PLASTIC).any():  # all of the contact answers either way
-        return a.once(stiffness_unloading)
-    return interface.interface_stiffness(a.scene, a.result, "loading")
+    if not (
+        solved.field("state") == PLASTIC
+    ).any():  # all of the contact answers either way
+        return solved.once(stiffness_unloading)
+    return interface.interface_stiffness(solved.scene, solved.result, "loading")
 
 
 @_limit("Pa/m")
-def stiffness_unloading(a: SolvedScene) -> interface.Limit:
+def stiffness_unloading(solved: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load falls next."""
-    return interface.interface_stiffness(a.scene, a.result, "unloading")
+    return interface.interface_stiffness(solved.scene, solved.result, "unloading")
 
 
 @_limit("1/m")
-def conductance(a: SolvedScene) -> interface.Limit:
+def conductance(solved: SolvedScene) -> interface.Limit:
     """contact conductance per nominal area times the sum of the bodies'
     resistivities.
     """
     return interface.contact_conductance(
-        a.scene, a.result, 1.0, a.once(stiffness_unloading)
+        solved.scene, solved.result, 1.0, solved.once(stiffness_unloading)
     )
 
 
-def _patches(a: SolvedScene, part: str) -> Any:
-    state = a.field("state")
+def _patches(solved: SolvedScene, part: str) -> Any:
+    state = solved.field("state")
     masks = {
         "total": state != APART,
         "elastic": state == ELASTIC,
@@ -215,42 +229,46 @@ def _patches(a: SolvedScene, part: str) -> Any:
 
 
 @quantity("–", name="{}_patches", each=_NUMBERS)
-def patches(a: SolvedScene, part: str) -> float:
+def patches(solved: SolvedScene, part: str) -> float:
     """number of connected patches of {}."""
-    return float(_patches(a, part).size)
+    return float(_patches(solved, part).size)
 
 
 @quantity("–", name="{}_patches_largest", each=_LARGEST)
-def largest_patch(a: SolvedScene, part: str) -> float:
+def largest_patch(solved: SolvedScene, part: str) -> float:
     """share of the nominal area in the largest patch of {}."""
-    return float(_patches(a, part).max(initial=0.0))
+    return float(_patches(solved, part).max(initial=0.0))
 
 
-def _closeness(a: SolvedScene) -> Any:
-    p, gap, height = (
-        a.pressure,
-        a.field("gap"),
-        np.ptp(a.scene.surface.heights) or a.height_scale,
-    )
-    if "plastic_displacement" in a.result.fields and not a.flows:
-        gap = gap + np.where(a.at_the_cap, 0.0, a.field("plastic_displacement"))
-    # At the hardness all pressures are equal, and the points that have flowed furthest
-    # are closest.
-    loose = (p <= 0) | (a.at_the_cap & (not a.flows))
-    return p / (p.max() or 1.0) - np.where(loose, gap / height, 0.0)
+def _closeness(solved: SolvedScene) -> Any:
+    """Return a field that is the larger the closer the bodies are at a point.
+
+    It is the pressure over the largest one where it is between 0 and the hardness; at
+    other points the gap over the range of the heights is taken from it.  At the
+    hardness all pressures are equal, and the points that have flowed furthest are
+    closest.
+    """
+    pressure, gap = solved.pressure, solved.field("gap")
+    height = np.ptp(solved.scene.surface.heights) or solved.height_scale
+    if "plastic_displacement" in solved.result.fields and not solved.flows:
+        lowered = solved.field("plastic_displacement")
+        gap = gap + np.where(solved.at_the_cap, 0.0, lowered)
+    by_gap = (pressure <= 0) | (solved.at_the_cap & (not solved.flows))
+    largest = pressure.max() or 1.0
+    return pressure / largest - np.where(by_gap, gap / height, 0.0)
 
 
 @_limit("–")
-def contact_percolation(a: SolvedScene) -> interface.Limit:
+def contact_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the closest points first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(_closeness(a))
+    return interface.percolation_fraction(_closeness(solved))
 
 
 @_limit("–")
-def gap_percolation(a: SolvedScene) -> interface.Limit:
+def gap_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the widest gaps first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(-_closeness(a))
+    return interface.percolation_fraction(-_closeness(solved))

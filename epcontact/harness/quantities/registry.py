@@ -3,13 +3,13 @@ meaning.
 
 Methods *report* the quantities of `reported.csv`.  The harness itself *measures* the
 others in the process that solved the scene, so that no solver checks itself.  To add
-one, write a function of an answered scene; its name is that of the quantity, its
+one, write a function of a solved scene; its name is that of the quantity, its
 docstring the meaning:
 
     @quantity("–")
-    def measured_force(a: SolvedScene) -> float:
+    def measured_force(solved: SolvedScene) -> float:
         \"\"\"mean(p)/p0 - 1.\"\"\"
-        return float(a.pressure.mean()) / a.scene.load.final - 1
+        return float(solved.pressure.mean()) / solved.scene.load.final - 1
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 
 from epcontact.errors import InvalidCase
@@ -65,24 +66,44 @@ def quantity(
     name: str = "",
     each: Mapping[str, str] = {},
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
-    """Add a measured quantity: a function, whose docstring begins with the meaning.
+    """Return the decorator that adds a function to `QUANTITIES`.
 
-    With `each`, a table of words and texts, there is one quantity for each word, which
-    is the function's second argument: {} in `name` becomes the word, and {} in the
-    meaning its text.
+    The first paragraph of the function's docstring is the meaning of the quantity.
+
+    Args:
+        unit: of its values; "–" if there is none.
+        needs: what must be there, see `Quantity`.
+        name: of the quantity after "quantity."; empty: that of the function.
+        each: words with texts.  There is one quantity for each word, which is the second
+            argument of the function; {} in `name` becomes the word, and {} in the
+            meaning its text.
     """
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:
-        meaning = " ".join(
-            (measure.__doc__ or "").partition("\n\n")[0].split()
-        ).removesuffix(".")
-        for word, text in each.items() or [("", "")]:
-            full = f"quantity.{(name or measure.__name__).format(word)}"
-            one = (lambda a, word=word: measure(a, word)) if each else measure
-            QUANTITIES[full] = Quantity(full, unit, meaning.format(text), needs, one)
+        meaning = _first_paragraph(measure).removesuffix(".")
+        template = f"quantity.{name or measure.__name__}"
+        if not each:
+            QUANTITIES[template] = Quantity(template, unit, meaning, needs, measure)
+        for word, text in each.items():
+            full = template.format(word)
+            of_word = partial(_measure_word, measure, word)
+            QUANTITIES[full] = Quantity(
+                full, unit, meaning.format(text), needs, of_word
+            )
         return measure
 
     return add
+
+
+def _first_paragraph(function: Callable[..., float]) -> str:
+    """Return the first paragraph of a docstring in one line."""
+    return " ".join((function.__doc__ or "").partition("\n\n")[0].split())
+
+
+def _measure_word(
+    measure: Callable[[SolvedScene, str], float], word: str, solved: SolvedScene
+) -> float:
+    return measure(solved, word)
 
 
 def claim_of(name: str) -> str:

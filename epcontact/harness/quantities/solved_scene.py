@@ -1,4 +1,4 @@
-"""An answered scene, of which quantities are measured."""
+"""A scene and its result, on which quantities are measured."""
 
 from __future__ import annotations
 
@@ -19,41 +19,50 @@ from epcontact.scene import Scene
 # A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12
 
-Made = TypeVar("Made")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class SolvedScene:
-    """A scene and the result of a method with its fields, to measure quantities of."""
+    """A scene and the result of a method with its fields, to measure quantities on.
+
+    Attributes:
+        scene: the scene, whose load path ends at the load of the fields.
+        result: the result of a method for this scene.
+    """
 
     scene: Scene
     result: ContactResult
 
     @cached_property
-    def _made(self) -> dict[Any, Any]:
+    def _computed(self) -> dict[Any, Any]:
         return {}
 
-    def once(self, make: Callable[[SolvedScene], Made]) -> Made:
-        """Return make(self), which is called once for all quantities that ask for
+    def once(self, compute: Callable[[SolvedScene], Value]) -> Value:
+        """Return compute(self), which is called once for all quantities that need
         it.
         """
-        if make not in self._made:
-            self._made[make] = make(self)
-        made: Made = self._made[make]
-        return made
+        if compute not in self._computed:
+            self._computed[compute] = compute(self)
+        value: Value = self._computed[compute]
+        return value
 
     def field(self, name: str) -> FloatArray:
-        """A field on the grid of the scene.  Raises InvalidCase if the result has
-        none.
+        """Return a field on the grid of the scene.
+
+        Raises InvalidCase if the result has no such field, or one on another grid.
         """
-        values, shape = self.result.fields.get(name), self.scene.surface.shape
+        values = self.result.fields.get(name)
+        shape = self.scene.surface.shape
         if values is None:
             raise InvalidCase(
                 f"{self.result.method} gives no field {name!r} for a gate"
             )
         if np.shape(values) != shape:
-            given = f"{self.result.method} gives a {name} of shape {np.shape(values)}"
-            raise InvalidCase(f"{given} on a grid of {shape}")
+            raise InvalidCase(
+                f"{self.result.method} gives a {name} of shape {np.shape(values)} on a "
+                f"grid of {shape}"
+            )
         return np.asarray(values, dtype=None if name == "state" else np.float64)
 
     @cached_property
@@ -74,16 +83,14 @@ class SolvedScene:
 
     @property
     def height_scale(self) -> float:
-        """The rms height in m, or what p0 sinks a cell of the grid by if the surface is
-        flat.
+        """The rms height in m or, of a flat surface, what p0 sinks a cell of the grid
+        by.
         """
         surface = self.scene.surface
-        sunk = (
-            self.load_scale
-            * max(surface.spacing)
-            / effective_modulus(self.scene.material)
-        )
-        return surface.rms_height or sunk
+        if surface.rms_height:
+            return surface.rms_height
+        modulus = effective_modulus(self.scene.material)
+        return self.load_scale * max(surface.spacing) / modulus
 
     @property
     def load_scale(self) -> float:
@@ -117,9 +124,8 @@ class SolvedScene:
         """
         p = self.pressure
         modes = np.fft.rfft(p)
-        if (
-            p.ndim == 2
-        ):  # in place: another array of modes would take longer than its transform
+        if p.ndim == 2:
+            # In place: another array of modes would take longer than its transform.
             np.fft.fft(modes, axis=0, out=modes)
         modes *= compliance(self.scene)
         if p.ndim == 2:
@@ -133,17 +139,21 @@ class SolvedScene:
 
         The mask is that of elastic contact, over which the gap's mean is zero.  Without
         any, the highest gap of the flowing points is zero, or the lowest of all where
-        nothing touches. After a path that unloads, the surface is the one that the
+        nothing touches.  After a path that unloads, the surface is the one that the
         reported plastic displacement has left, and all contact is elastic.
         """
-        heights, touching = self.scene.surface.heights, self.pressure > 0
+        heights = self.scene.surface.heights
+        flowing = self.at_the_cap
+        touching = self.pressure > 0
         if self.unloads:
             heights = heights - self.field("plastic_displacement")
         else:
-            touching &= ~self.at_the_cap
-        gap, flowing = self.displacement - heights, self.at_the_cap
+            touching &= ~flowing
+        gap = self.displacement - heights
         if touching.any():
             gap -= gap[touching].mean()
+        elif flowing.any():
+            gap -= gap[flowing].max()
         else:
-            gap -= gap[flowing].max() if flowing.any() else gap.min()
+            gap -= gap.min()
         return gap, touching

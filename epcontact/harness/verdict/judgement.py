@@ -332,48 +332,67 @@ def _judge_gate(
 def _judged(
     case: Case, gate: Gate, results: Mapping[str, MethodResults]
 ) -> GateVerdict:
-    needed = [
-        m for m in (gate.of, gate.against) if isinstance(m, str) and m in case.methods
-    ]
-    errors = [sentence for method in needed for sentence in results[method].errors]
+    of = results[gate.of]
+    against = results.get(str(gate.against))
+    sides = [side for side in (of, against) if side is not None]
+    errors = [sentence for side in sides for sentence in side.errors]
     if errors:
         return unjudged(gate, _joined(errors))
-    for method in needed:
-        equal = results[method].equal_surfaces
+    for side in sides:
+        equal = side.equal_surfaces
         if equal is not None:
+            method = side.results[0].method
             return unjudged(
                 gate,
                 f"{method} gives the surfaces {' and '.join(equal)} the same answer, "
                 "so that the scatter of the ensemble says nothing; give it different "
                 "surfaces",
             )
-    of, against = results[gate.of], results.get(str(gate.against))
     try:
-        if gate.norm in DISTRIBUTION_NORMS:
-            return judge_distance(gate, _distances(case, gate, of, against))
-        if gate.norm == "l2":
-            name = f"quantity.l2.{gate.against}." + gate.quantity.removeprefix("field.")
-            return judge_distance(gate, _read(of, name))
-        value = _read(of, gate.quantity)
-        paired = against is not None and len(value) > 1 and of.labels == against.labels
-        judged = judge(
-            gate, value, _references(case, gate, against), paired, _claim(gate, results)
-        )
-        return judged.model_copy(
-            update={
-                "value": _claiming(gate, judged.value, of),
-                "reference": _claiming(gate, judged.reference, against),
-            }
-        )
+        return _compared(case, gate, of, against)
     except Exception as error:  # of a closed form, too, in numbers that it cannot hold
         return unjudged(gate, sentence_of(error))
 
 
-def _read(answer: MethodResults, name: str) -> list[float]:
-    return [read_quantity(result, name) for result in answer.results]
+def _compared(
+    case: Case, gate: Gate, of: MethodResults, against: MethodResults | None
+) -> GateVerdict:
+    """Return the verdict on a gate by its norm.
+
+    Raises whatever the quantity or the closed form raises.
+    """
+    if gate.norm in DISTRIBUTION_NORMS:
+        return judge_distance(gate, _distances(case, gate, of, against))
+    if gate.norm == "l2":
+        field = gate.quantity.removeprefix("field.")
+        return judge_distance(gate, _read(of, f"quantity.l2.{gate.against}.{field}"))
+    values = _read(of, gate.quantity)
+    references = _references(case, gate, against)
+    paired = against is not None and len(values) > 1 and of.labels == against.labels
+    sides = [of] if against is None else [of, against]
+    judged = judge(gate, values, references, paired, _claim(gate, sides))
+    return judged.model_copy(
+        update={
+            "value": _with_claim(gate, judged.value, of),
+            "reference": _with_claim(gate, judged.reference, against),
+        }
+    )
+
+
+def _read(results: MethodResults, name: str) -> list[float]:
+    """Return a quantity of the last load of each surface.  Raises InvalidCase."""
+    return [read_quantity(result, name) for result in results.results]
+
+
+def _mean_if_reported(results: MethodResults, name: str) -> float | None:
+    """Return the mean of a quantity over the surfaces; None if one does not have it."""
+    if all(name in scalar_quantities(result) for result in results.results):
+        return fmean(_read(results, name))
+    return None
 
 
 def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[float]:
+    """Return the values of the reference: of a method, a closed form, or the number."""
     if against is not None:
         return _read(against, gate.quantity)
     if isinstance(gate.against, str):
@@ -382,63 +401,68 @@ def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[f
     return [gate.against]
 
 
-def _claiming(
-    gate: Gate, found: Estimate | None, answer: MethodResults | None
+def _with_claim(
+    gate: Gate, mean: Estimate | None, results: MethodResults | None
 ) -> Estimate | None:
-    """Return the mean of an answer's values with that of the errors which they
-    claim.
+    """Return a mean with the mean of the error estimates of its values, if any."""
+    error = claim_of(gate.quantity)
+    if mean is None or results is None or not error:
+        return mean
+    claim = _mean_if_reported(results, error)
+    if claim is None:
+        return mean
+    return mean.model_copy(update={"claimed_error": _infinite_if_nan(claim)})
+
+
+def _infinite_if_nan(error: float) -> float:
+    """Return an error estimate; one that is NaN counts as infinite."""
+    return math.inf if math.isnan(error) else error
+
+
+def _claim(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
+    """Return the error estimate that counts in a difference of limits; see `gates`.
+
+    Args:
+        gate: the gate.
+        sides: the results of its one or two methods.
+
+    Returns:
+        The error, in the unit of the quantity; None if no error estimate counts.
     """
     error = claim_of(gate.quantity)
-    if found is None or answer is None or not error:
-        return found
-    if any(error not in scalar_quantities(result) for result in answer.results):
-        return found
-    claim = fmean(_read(answer, error))
-    return found.model_copy(
-        update={"claimed_error": math.inf if math.isnan(claim) else claim}
-    )
-
-
-def _claim(gate: Gate, results: Mapping[str, MethodResults]) -> float | None:
-    """Return the claimed error that counts in a difference of limits; see `gates`."""
-    error = claim_of(gate.quantity)
-    sides = [results[str(name)] for name in (gate.of, gate.against) if name in results]
-    if not error or (isinstance(gate.against, str) and len(sides) == 1):
+    against_closed_form = isinstance(gate.against, str) and len(sides) == 1
+    if not error or against_closed_form:
         return None
-    claims = [
-        fmean(_read(side, error))
-        for side in sides
-        if all(error in scalar_quantities(result) for result in side.results)
-    ]
-    # A theory has no grid and reports 0, which is no claim; NaN counts as an infinite
-    # one.
-    found = [math.inf if math.isnan(c) else c for c in claims if c != 0]
-    claim = min(found, default=None)
-    if len(found) == 2 and math.inf not in found and all(map(_counts_points, sides)):
-        claim = abs(found[0] - found[1])
+    claims = []
+    for side in sides:
+        claim = _mean_if_reported(side, error)
+        if claim:  # a theory has no grid and reports 0, which is no error estimate
+            claims.append(_infinite_if_nan(claim))
+    total = min(claims, default=None)
+    on_same_points = all(_is_of_points(side) for side in sides)
+    if len(claims) == 2 and math.inf not in claims and on_same_points:
+        total = abs(claims[0] - claims[1])
     for source in ("hardness", "treatment"):
-        name = error.replace(".error", f".{source}_error")
+        part = error.replace(".error", f".{source}_error")
         if gate.quantity.startswith("quantity."):
-            name = f"{gate.quantity}_error_by_{source}"
-        having = [
-            side
-            for side in sides
-            if all(name in scalar_quantities(r) for r in side.results)
-        ]
-        if (
-            len(having) == 1
-        ):  # two answers on one map or under one effective hardness share it
-            claim = math.hypot(claim or 0.0, fmean(_read(having[0], name)))
-    return claim
+            part = f"{gate.quantity}_error_by_{source}"
+        parts = [_mean_if_reported(side, part) for side in sides]
+        reported = [value for value in parts if value is not None]
+        # Two results on one map, or under one effective hardness, share this error.
+        if len(reported) == 1:
+            total = math.hypot(total or 0.0, reported[0])
+    return total
 
 
-def _counts_points(side: MethodResults) -> bool:
-    """True if the areas follow from pressures at the surface's points: with boundary
-    elements and all solvers from outside their errors are those of one grid, and not
-    independent.
+def _is_of_points(results: MethodResults) -> bool:
+    """Return whether the areas follow from pressures at the points of the surface.
+
+    The errors of boundary elements and of all solvers from outside are those of one
+    grid, and not independent.
     """
     return all(
-        r.method == "bem" or "solver" in r.provenance.options for r in side.results
+        result.method == "bem" or "solver" in result.provenance.options
+        for result in results.results
     )
 
 
@@ -450,31 +474,36 @@ def _joined(sentences: Sequence[str]) -> str:
     for sentence in dict.fromkeys(sentences):
         where, _, reason = sentence.partition(": ")
         by_reason[reason].append(where)
-    return "; ".join(
-        f"{first}{f' and {len(others)} more' if others else ''}: {reason}"
-        for reason, (first, *others) in by_reason.items()
-    )
+    lines = []
+    for reason, (first, *others) in by_reason.items():
+        more = f" and {len(others)} more" if others else ""
+        lines.append(f"{first}{more}: {reason}")
+    return "; ".join(lines)
 
 
 def _distances(
     case: Case, gate: Gate, of: MethodResults, against: MethodResults | None
 ) -> list[float]:
-    others: list[PressureDistribution | None]
+    """Return the distance of the pressure distribution of each surface from its
+    reference.
+    """
+    references: list[PressureDistribution | None]
     if against is None:
         form = CLOSED_FORMS[str(gate.against)]
-        others = [form.pressures(case.scene(recipe)) for recipe in case.recipes]
+        references = [form.pressures(case.scene(recipe)) for recipe in case.recipes]
     else:
-        others = [result.distribution for result in against.results]
-    others *= len(of.results) if len(others) == 1 else 1
-    if len(others) != len(of.results):
+        references = [result.distribution for result in against.results]
+    if len(references) == 1:
+        references *= len(of.results)
+    if len(references) != len(of.results):
         raise EpcontactError(
-            "distributions can be compared with one answer, or with one for each surface"
+            "distributions can be compared with one answer, or with one for each "
+            "surface"
         )
-    distances: list[float] = []
-    for mine, other in zip(of.results, others, strict=True):
-        if mine.distribution is None or other is None:
+    distances = []
+    hardness = case.material.hardness
+    for result, reference in zip(of.results, references, strict=True):
+        if result.distribution is None or reference is None:
             raise EpcontactError(f"{gate.name}: a method gave no pressure distribution")
-        distances.append(
-            distance(gate.norm, mine.distribution, other, case.material.hardness)
-        )
+        distances.append(distance(gate.norm, result.distribution, reference, hardness))
     return distances
