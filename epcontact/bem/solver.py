@@ -235,16 +235,22 @@ def coarser(symbol: Symbol) -> tuple[int, int] | None:
     """
     nx, ny = symbol.shape
     x_far, y_far = symbol.far()
-    half_x = _half(nx) if nx > COARSEST else nx
-    half_y = _half(ny) if ny > COARSEST else ny
-    shape = (nx if x_far else half_x, ny if y_far else half_y)
-    if shape == symbol.shape:
-        shape = (half_x, half_y)
+    half_x, half_y = _half(nx), _half(ny)
+    if x_far and half_y < ny:
+        half_x = nx
+    elif y_far and half_x < nx:
+        half_y = ny
+    shape = (half_x, half_y)
     return None if shape == symbol.shape else shape
 
 
 def _half(number: int) -> int:
-    """Return half as many points, or a few more, so that all levels transform fast."""
+    """Return half as many points, or a few more, so that all levels transform fast.
+
+    At most COARSEST points are not halved.
+    """
+    if number <= COARSEST:
+        return number
     half = (number + 1) // 2
     if half < 64 or number % 4 == 0:
         return half

@@ -203,8 +203,11 @@ def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vecto
             t3 = (after - mix * out - q0) / 2 - t1 - t2
             if contact:
                 t3 *= 1 / 3
-        square = t2 if contact else t3
-        cube = t3 if contact else 0.0
+        square = t2
+        cube = t3
+        if not contact:
+            square = t3
+            cube = 0.0
         x = cubic_root(q0, t1 - square - cube, square, cube)
         # Where the last point is plastic, q tells by how much the front is off the root
         # of a straight line in v.

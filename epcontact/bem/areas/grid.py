@@ -208,9 +208,6 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
     codes = np.zeros(points, np.uint8)
     numbers = np.empty((4, points), np.uint32)
     cells = _Cells(codes, codes.view(np.uint64), *numbers)
-    # Two links for each point at most; memory that is not used takes none.
-    values = np.empty((ROWS, 2 * points))
-    links = Links(*np.empty((len(Links._fields), 2 * points)))
     entries = np.arange(round(WIDTHS[-1] * _FINE) + 1) / _FINE
     table = np.interp(entries, WIDTHS, offsets)
     hardness = solution.hardness
@@ -226,6 +223,9 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
             of_front = sums[front : front + 1]
             inside, crossed, elastic = _list_cells(grid, cells, block)
             of_front["points"] = inside
+            # A crossed cell has at most two links of its own.
+            values = np.empty((ROWS, 2 * crossed))
+            links = Links(*np.empty((len(Links._fields), 2 * crossed)))
             count = _number_links(grid, cells, crossed, limits, values)
             locate(values, count, hardness, links)
             locate_special(values, count, hardness, links)

@@ -273,10 +273,7 @@ def interpolated_at(coarse: Any, i: int, j: int) -> Any:
     row = i // 2
     if i % 2 == 0:
         return along_row(coarse[row], j)
-    last = coarse.shape[0] - 1
-    before = row - 1 if row else last
-    after = row + 1 if row < last else 0
-    beyond = after + 1 if after < last else 0
+    before, after, beyond = around(row, coarse.shape[0])
     near = along_row(coarse[row], j) + along_row(coarse[after], j)
     far = along_row(coarse[before], j) + along_row(coarse[beyond], j)
     return _NEAR * near - _FAR * far
@@ -288,8 +285,15 @@ def along_row(row: Any, j: int) -> Any:
     k = j // 2
     if j % 2 == 0:
         return row[k]
-    last = row.size - 1
+    before, after, beyond = around(k, row.size)
+    return _NEAR * (row[k] + row[after]) - _FAR * (row[before] + row[beyond])
+
+
+@inlined
+def around(k: int, size: int) -> tuple[int, int, int]:
+    """Return the indices k - 1, k + 1 and k + 2 of a periodic array."""
+    last = size - 1
     before = k - 1 if k else last
     after = k + 1 if k < last else 0
     beyond = after + 1 if after < last else 0
-    return _NEAR * (row[k] + row[after]) - _FAR * (row[before] + row[beyond])
+    return before, after, beyond
