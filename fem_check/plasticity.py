@@ -68,7 +68,9 @@ _ROOT = sqrt(2.0 / 3.0)
 
 
 class J2Law(NamedTuple):
-    """The moduli and the yield stress of a J2 material; see the module's docstring.
+    """The law of a J2 material: Figure 1 of the paper where the hardening is 0.
+
+    The module's docstring has its equations.
 
     Attributes:
         shear_modulus: mu, in Pa.
