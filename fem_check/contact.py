@@ -201,6 +201,73 @@ class SurfaceContact:
     approach: float
 
 
+@dataclass(frozen=True)
+class _ElasticBody:
+    """An elastic body under a rigid flat; arguments of `rigid_contact`.
+
+    Without a load, the heights contain the prescribed approach.
+    """
+
+    compliance: FloatArray
+    heights: FloatArray
+    load: float | None
+    cap: float
+
+    @property
+    def stiffness(self) -> float:
+        """Force per displacement of the shortest wave, in N/m."""
+        return 1.0 / float(self.compliance.min())
+
+    def displacement(self, forces: FloatArray) -> FloatArray:
+        """Return the downward displacement of the top, in m."""
+        spectrum = self.compliance * transform(forces)
+        return inverse_transform(spectrum, len(self.heights))
+
+    def gap(self, forces: FloatArray) -> FloatArray:
+        """Return the gap in m; a prescribed load leaves a constant unknown."""
+        return self.displacement(forces) - self.heights
+
+    def allowed(self, forces: FloatArray) -> FloatArray:
+        """Return the forces, changed to be within the bounds and carry the load."""
+        return np.clip(shift_to_load(forces, self.cap, self.load), 0, self.cap)
+
+    def solve_on_sets(
+        self, states: States, start: FloatArray, tolerance: float
+    ) -> tuple[FloatArray, float]:
+        """Return forces and approach for given contact states.
+
+        `start` and `tolerance` are those of `solve_contact_forces`.
+        """
+        capped = np.where(states == PLASTIC, self.cap, 0.0)
+        elastic_load = None
+        if self.load is not None:
+            elastic_load = self.load - float(capped.sum())
+        forces, approach = solve_contact_forces(
+            self.compliance,
+            self.heights - self.displacement(capped),
+            states == ELASTIC,
+            elastic_load,
+            start,
+            tolerance,
+        )
+        forces += capped
+        return forces, approach
+
+    def lower_energy(self, forces: FloatArray, solved: FloatArray) -> FloatArray:
+        """Step from forces towards the solved ones, inside the bounds.
+
+        If the energy rises that way, the step is along its gradient.
+        """
+        forces = self.allowed(forces)
+        gap = self.gap(forces)
+        step = self.allowed(solved) - forces
+        if dot(gap, step) >= 0:
+            step = self.allowed(forces - PREDICTION * self.stiffness * gap) - forces
+        curvature = dot(step, self.displacement(step))
+        fraction = min(1.0, -dot(gap, step) / max(curvature, 1e-300))
+        return forces + fraction * step
+
+
 def rigid_contact(
     compliance: FloatArray,
     heights: FloatArray,
@@ -221,64 +288,34 @@ def rigid_contact(
     Raises:
         NotConverged: the contact sets still change after `MAX_STEPS` Newton steps.
     """
-    nx = heights.shape[0]
-    stiffness = 1.0 / float(compliance.min())
-    rise = heights
     if load is None:
-        rise = heights + approach
-
-    def displacement(forces: FloatArray) -> FloatArray:
-        return inverse_transform(compliance * transform(forces), nx)
-
-    def allowed(forces: FloatArray) -> FloatArray:
-        """Forces within the bounds that carry the load."""
-        return np.clip(shift_to_load(forces, cap, load), 0, cap)
-
-    forces = allowed(PREDICTION * stiffness * rise)
+        heights = heights + approach
+    body = _ElasticBody(compliance, heights, load, cap)
+    forces = body.allowed(PREDICTION * body.stiffness * heights)
     states = np.full(heights.shape, -1, dtype=np.int8)
     changes = []
     exact = False
     for sweep in range(MAX_STEPS):
-        gap = displacement(forces) - rise
-        new_states = predict_states(forces, gap, cap, stiffness, load)
+        gap = body.gap(forces)
+        new_states = predict_states(forces, gap, cap, body.stiffness, load)
         changes.append(float((new_states != states).mean()))
         states = new_states
         if exact and changes[-1] == 0:
             return SurfaceContact(forces, states, approach)
-        capped = np.where(states == PLASTIC, cap, 0.0)
-        elastic_load = None
-        if load is not None:
-            elastic_load = load - float(capped.sum())
         tolerance = 1e-12
         if sweep < 3:
             tolerance = 1e-3
-        solved, shift = solve_contact_forces(
-            compliance,
-            rise - displacement(capped),
-            states == ELASTIC,
-            elastic_load,
-            forces,
-            tolerance,
-        )
+        solved, shift = body.solve_on_sets(states, forces, tolerance)
         if load is not None:
             approach = shift
-        solved += capped
-        exact = sweep >= 3
         if sweep < FULL_STEPS:
             forces = solved
-            continue
-        # Full steps can cycle.  Steps that lower the energy inside the bounds cannot:
-        # towards the solution on these sets or, if the energy rises that way, along its
-        # gradient.
-        forces = allowed(forces)
-        gap = displacement(forces) - rise
-        step = allowed(solved) - forces
-        if dot(gap, step) >= 0:
-            step = allowed(forces - PREDICTION * stiffness * gap) - forces
-        curvature = dot(step, displacement(step))
-        fraction = min(1.0, -dot(gap, step) / max(curvature, 1e-300))
-        forces = forces + fraction * step
-        exact = bool(np.abs(forces - solved).max() <= 1e-12 * np.abs(solved).max())
-        if exact:
-            forces = solved
+            exact = sweep >= 3
+        else:
+            # Full steps can cycle; steps that lower the energy cannot.
+            forces = body.lower_energy(forces, solved)
+            difference = np.abs(forces - solved).max()
+            exact = bool(difference <= 1e-12 * np.abs(solved).max())
+            if exact:
+                forces = solved
     raise NotConverged("the elastic contact did not settle", history=changes)

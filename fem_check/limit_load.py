@@ -20,7 +20,12 @@ from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from fem_check import plasticity
 from fem_check.element import CORNERS, Elements, elastic_stiffness, elements_of
-from fem_check.plasticity import J2Law, TangentCorrection, layer_stiffness
+from fem_check.plasticity import (
+    History,
+    J2Law,
+    TangentCorrection,
+    layer_stiffness,
+)
 from fem_check.smoother import subtract_correction
 
 #: Norm of the free forces over the largest force at which a step has converged.
@@ -120,67 +125,100 @@ def push(
         NotConverged: after `MAX_ITERATIONS`.
     """
 
-    def stiffness(shear_modulus: float) -> FloatArray:
-        matrices = [
-            elastic_stiffness(
-                bricks,
-                shape,
-                shear_modulus,
-                law.bulk_modulus,
-                mean_dilatation=mean_dilatation,
-            )
-            for shape in range(len(bricks.weights))
-        ]
-        return np.stack(matrices)
-
-    spheric = assemble(bricks, stiffness(0.0)[bricks.shape_of])
-    elastic = stiffness(law.shear_modulus)
-    deviatoric = layer_stiffness(bricks, law)[1]
-    if motion is None:
-        motion = sp.identity(spheric.shape[0], format="csr")
-    shear_law = law._replace(bulk_modulus=0.0)
+    body = _Body(bricks, law, mean_dilatation, motion)
     history = plasticity.initial_history(bricks.number)
-    q = np.zeros(motion.shape[1])
+    q = np.zeros(body.motion.shape[1])
     steps = []
     for value in path:
         change = np.zeros_like(q)
         change[pushed] = value - q[pushed]
+        step, flowing = body.solve_step(q, change, free, history)
+        q = step.unknowns
+        history = plasticity.commit(
+            body.displacements(q), bricks, body.shear_law, history, flowing
+        )
+        steps.append(step)
+    return steps
+
+
+class _Body:
+    """A body whose mean pressure is split off; arguments as in `push`."""
+
+    def __init__(
+        self, bricks: Elements, law: J2Law, mean_dilatation: bool, motion: Any
+    ) -> None:
+        def stiffness(shear_modulus: float) -> FloatArray:
+            matrices = [
+                elastic_stiffness(
+                    bricks,
+                    shape,
+                    shear_modulus,
+                    law.bulk_modulus,
+                    mean_dilatation=mean_dilatation,
+                )
+                for shape in range(len(bricks.weights))
+            ]
+            return np.stack(matrices)
+
+        self.bricks = bricks
+        self.shear_law = law._replace(bulk_modulus=0.0)
+        self.stiffness = stiffness(law.shear_modulus), layer_stiffness(bricks, law)[1]
+        self.spheric = assemble(bricks, stiffness(0.0)[bricks.shape_of])
+        self.motion = motion
+        if motion is None:
+            self.motion = sp.identity(self.spheric.shape[0], format="csr")
+
+    def displacements(self, q: FloatArray) -> FloatArray:
+        """Return the (nodes, 3) displacements of the unknowns q, in m."""
+        return np.asarray((self.motion @ q).reshape(-1, 3))
+
+    def tangent(
+        self, q: FloatArray, history: History, flowing: NDArray[np.bool_], scale: float
+    ) -> sp.csc_matrix:
+        """Return the stiffness of the unknowns, with `scale` times the correction."""
+        correction = plasticity.tangent_correction(
+            self.displacements(q), self.bricks, self.shear_law, history, flowing
+        )
+        tangents = element_tangents(self.bricks, self.stiffness, correction, scale)
+        return (self.motion.T @ assemble(self.bricks, tangents) @ self.motion).tocsc()
+
+    def solve_step(
+        self,
+        q: FloatArray,
+        change: FloatArray,
+        free: NDArray[np.bool_],
+        history: History,
+    ) -> tuple[PushStep, NDArray[np.bool_]]:
+        """Solve a step from the unknowns q, and return the elements that flow, too.
+
+        `change` is that of the pushed unknowns, in m.
+        """
         residuals: list[float] = []
         for iteration in range(MAX_ITERATIONS + 1):
-            u = (motion @ q).reshape(-1, 3)
-            force, flowing = plasticity.internal_force(u, bricks, shear_law, history)
-            forces = motion.T @ (force.ravel() + spheric @ u.ravel())
+            u = self.displacements(q)
+            force, flowing = plasticity.internal_force(
+                u, self.bricks, self.shear_law, history
+            )
+            forces = self.motion.T @ (force.ravel() + self.spheric @ u.ravel())
             scale = 0.0
             if iteration:
-                residual = np.linalg.norm(forces[free]) / np.abs(forces).max()
-                residuals.append(float(residual))
+                residual = float(np.linalg.norm(forces[free]) / np.abs(forces).max())
+                residuals.append(residual)
                 if residual <= TOLERANCE:
-                    break
-                scale = 1 - min(1.0, 0.1 * float(residual))
-            correction = plasticity.tangent_correction(
-                u, bricks, shear_law, history, flowing
-            )
-            tangents = element_tangents(
-                bricks, (elastic, deviatoric), correction, scale
-            )
-            K = (motion.T @ assemble(bricks, tangents) @ motion).tocsc()
+                    return PushStep(q, forces, tuple(residuals)), flowing
+                scale = 1 - min(1.0, 0.1 * residual)
+            K = self.tangent(q, history, flowing, scale)
             right = -forces
+            q = q.copy()  # earlier steps keep their unknowns
             if iteration == 0:
-                right = right - K @ change
-                q = q + change
-            else:
-                q = q.copy()  # earlier steps keep their unknowns
+                right -= K @ change
+                q += change
             q[free] += splu(K[free][:, free]).solve(right[free])
-        else:
-            raise NotConverged(
-                f"the body is not in equilibrium after {MAX_ITERATIONS} Newton "
-                f"iterations: relative residual {residuals[-1]:.1e} instead of "
-                f"{TOLERANCE:.0e}",
-                history=residuals,
-            )
-        history = plasticity.commit(u, bricks, shear_law, history, flowing)
-        steps.append(PushStep(q, forces, tuple(residuals)))
-    return steps
+        raise NotConverged(
+            f"the body is not in equilibrium after {MAX_ITERATIONS} Newton iterations: "
+            f"relative residual {residuals[-1]:.1e} instead of {TOLERANCE:.0e}",
+            history=residuals,
+        )
 
 
 def strip_punch(

@@ -159,33 +159,27 @@ def _symbol(stencil, cosines, sines):
     return symbol
 
 
+@inlined
+def _times_symmetric(s, x, y, z):
+    """Return a symmetric matrix (xx, yy, zz, xy, yz, zx) times a vector."""
+    return (
+        s[0] * x + s[3] * y + s[5] * z,
+        s[3] * x + s[1] * y + s[4] * z,
+        s[5] * x + s[4] * y + s[2] * z,
+    )
+
+
 @njit(**OPTIONS)
 def _eliminate(A, C, below, S):
     """Write (A - C below C^T)^-1 to S, for every wave."""
     D = np.empty((3, 3))
-    B = np.empty((3, 3))
-    CB = np.empty((3, 3))
     for q in range(A.shape[0]):
-        s = below[q]
         c = C[q]
-        B[0, 0] = s[0]
-        B[1, 1] = s[1]
-        B[2, 2] = s[2]
-        B[0, 1] = B[1, 0] = s[3]
-        B[1, 2] = B[2, 1] = s[4]
-        B[0, 2] = B[2, 0] = s[5]
         for i in range(3):
+            x, y, z = _times_symmetric(below[q], c[3 * i], c[3 * i + 1], c[3 * i + 2])
             for j in range(3):
-                CB[i, j] = (
-                    c[3 * i] * B[0, j] + c[3 * i + 1] * B[1, j] + c[3 * i + 2] * B[2, j]
-                )
-        for i in range(3):
-            for j in range(3):
-                D[i, j] = A[q, 3 * i + j] - (
-                    CB[i, 0] * c[3 * j]
-                    + CB[i, 1] * c[3 * j + 1]
-                    + CB[i, 2] * c[3 * j + 2]
-                )
+                product = x * c[3 * j] + y * c[3 * j + 1] + z * c[3 * j + 2]
+                D[i, j] = A[q, 3 * i + j] - product
         xx = D[0, 0]
         yy = D[1, 1]
         zz = D[2, 2]
@@ -206,16 +200,6 @@ def _eliminate(A, C, below, S):
 
 # In the sweeps, the z components of forces and displacements are divided by i, which
 # makes S and C real.
-
-
-@inlined
-def _times_symmetric(s, x, y, z):
-    """Return a symmetric matrix (xx, yy, zz, xy, yz, zx) times a vector."""
-    return (
-        s[0] * x + s[3] * y + s[5] * z,
-        s[3] * x + s[1] * y + s[4] * z,
-        s[5] * x + s[4] * y + s[2] * z,
-    )
 
 
 @compiled

@@ -49,7 +49,7 @@ TOKENS = {
     "epcontact.scene": 3_096,
     "epcontact.studies": 22_428,
     "epcontact.surfaces": 12_815,
-    "fem_check": 28_276,
+    "fem_check": 28_458,
     "lines of saved screens": 4_351,
     "tests": 133_834,
     "tests/laboratory": 26_326,
