@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fem_scenes import sphere_scene
+from laboratory.gap_distribution import cumulative
 from reference_plasticity import kogut_etsion_critical
 
 import fem_check
@@ -17,7 +18,7 @@ from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import analytic_roughness
 from epcontact.persson.separation import gap_distribution, mean_separation
 from epcontact.persson.theory import Theory
-from epcontact.studies.gap import cumulative, residual_of, theory_power
+from epcontact.studies.gap import power_kept_by_theory, surface_after
 from epcontact.studies.paper_scene import rough_scene, yielding
 from epcontact.surfaces import (
     HeightsFromFile,
@@ -79,10 +80,10 @@ def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
 
 def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights():
     scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
-    left = residual_of("cap", scene)
+    left = surface_after("cap", scene)
     kept = power_by_octave(left)[1][:6] / power_by_octave(scene.surface)[1][:6]
     assert 0.6 < kept[-1] < 0.8
-    assert theory_power(scene)[5] < 1e-3
+    assert power_kept_by_theory(scene)[5] < 1e-3
     assert topography(left).skewness - topography(scene.surface).skewness < -0.4
 
 
