@@ -44,7 +44,11 @@ UNITS = {
     "displacement": "m",
     "plastic_displacement": "m",
     "state": "1",
+    "filled": "1",
 }
+#: Fields of small whole numbers, which are stored in 8 bits: contact states, and the
+#: mask of heights that were filled or replaced.
+_SMALL = {"state", "filled"}
 
 Attribute = str | float | int
 Precision = Literal["single", "double"]
@@ -131,6 +135,8 @@ def write_fields(
             f"cannot write {path}: the method {result.method} gives no fields"
         )
     fields = {"heights": surface.heights, **result.fields}
+    if surface.filled is not None:
+        fields["filled"] = surface.filled
     field_data = _result_attributes(result) | dict(attributes or {})
     if precision == "single":
         flat_height = _flat_height(fields)
@@ -162,7 +168,7 @@ def write_image(
         fields: arrays [x, y] or [x] of one shape, by name.
         spacing: distance of neighbouring points along each direction, in m.
         attributes: the field data, by name.
-        precision: of the numbers of the fields; "state" has 8-bit integers.
+        precision: of the numbers of the fields; state and filled have 8-bit integers.
         units: units of fields and attributes beside UNITS, by name.
 
     Raises:
@@ -192,8 +198,8 @@ def write_image(
         for name, value in {**attributes, **named_units}.items()
     }
     kinds = {name: np.dtype(_REAL[precision]) for name in planes}
-    if "state" in kinds:
-        kinds["state"] = np.dtype("|u1")
+    for name in kinds.keys() & _SMALL:
+        kinds[name] = np.dtype("|u1")
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         file.write(_xml_head(planes, kinds, spacing, field_data).encode())
         for values in field_data.values():
