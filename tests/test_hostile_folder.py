@@ -42,14 +42,19 @@ def results(verified, tmp_path):
     return shutil.copytree(verified, tmp_path / "results")
 
 
-def forge(results, change):
-    """Change the content of verdict.json, and its digest with it."""
+def forge(results, **changes):
+    """Change keys of the case in verdict.json, and the digest with them."""
     file = results / "verdict.json"
     verdict = json.loads(file.read_text())
-    (case,) = verdict["cases"]
-    change(case)
+    verdict["cases"][0] |= changes
     verdict["digest"] = digest_of(verdict, results)
     file.write_text(json.dumps(verdict))
+
+
+def methods_of(results):
+    """Return the entries of the methods in verdict.json."""
+    verdict = json.loads((results / "verdict.json").read_text())
+    return verdict["cases"][0]["methods"]
 
 
 def contents(folder):
@@ -71,35 +76,32 @@ def require_refusal(results, sentence, command=("report",)):
 @pytest.mark.parametrize("command", [("report",), ("compare",), ("gates", "--output")])
 @pytest.mark.parametrize("name", ["../private", ".", "a/b", "", "small\n", ".hidden"])
 def test_the_id_of_a_case_cannot_be_a_path(results, name, command):
-    forge(results, lambda case: case.update(id=name))
+    forge(results, id=name)
     require_refusal(results, f"cases.0.id is {name!r}, but must be the name", command)
 
 
 def test_the_id_of_a_case_cannot_be_an_absolute_path(results):
-    name = str(results.parent / "private")
-    forge(results, lambda case: case.update(id=name))
+    forge(results, id=str(results.parent / "private"))
     require_refusal(results, "cases.0.id is")
 
 
 def test_a_size_cannot_be_a_path(results):
-    forge(results, lambda case: case.update(size="../../private/fast"))
+    forge(results, size="../../private/fast")
     require_refusal(results, "cases.0.size is '../../private/fast'")
 
 
 @pytest.mark.parametrize("name", ["../../../private/fast/bem", "*"])
 def test_the_name_of_a_method_cannot_be_a_path_or_a_pattern(results, name):
-    def rename(case):
-        case["methods"][name] = case["methods"].pop("bem")
-
-    forge(results, rename)
+    methods = methods_of(results)
+    methods[name] = methods.pop("bem")
+    forge(results, methods=methods)
     require_refusal(results, f"cases.0.methods.{name} is {name!r}")
 
 
 def test_the_label_of_a_surface_cannot_be_a_path(results):
-    def rename(case):
-        case["methods"]["bem"]["seconds"] = {"../seed3": 1.0}
-
-    forge(results, rename)
+    methods = methods_of(results)
+    methods["bem"]["seconds"] = {"../seed3": 1.0}
+    forge(results, methods=methods)
     require_refusal(results, "cases.0.methods.bem.seconds.../seed3 is '../seed3'")
 
 
@@ -176,5 +178,5 @@ def test_results_of_another_kind_are_one_sentence(results):
     data = json.loads(file.read_text())
     data["members"] = [{"method": 3}]
     file.write_text(json.dumps(data))
-    forge(results, lambda case: None)
+    forge(results)
     require_refusal(results, "bem.json holds no results of this version")

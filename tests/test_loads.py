@@ -24,6 +24,7 @@ from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
+from epcontact.output.loads import load_cells
 from epcontact.pictures.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
 from epcontact.results import COLUMNS, ContactResult
@@ -206,6 +207,21 @@ def test_a_chart_of_loads_has_values_and_bounds(name, points):
         for k, (mean, _, low, high) in enumerate(points, 1)
     ]
     assert {line.get_fillstyle() for line in chart.figure.axes[0].lines} == {"left"}
+
+
+def test_no_load_makes_no_chart():
+    assert load_charts({}) == {}
+
+
+def test_a_load_without_a_value_has_a_dash_in_its_cell():
+    first = {"branch": "loading", "mean_gap": {"mean": 2e-6, "error": 1e-8}}
+    second = {"branch": "unloading"}
+    heading = ["branch", "mean gap (µm)", "error of the total area by"]
+    assert load_cells([first, second]) == [
+        heading,
+        ["loading", "2 ± 0.01", ""],
+        ["unloading", "–", ""],
+    ]
 
 
 def test_python_draws_what_a_run_draws(ran, tmp_path):

@@ -24,6 +24,7 @@ from PIL import Image, ImageSequence
 
 from epcontact.errors import OutputError
 from epcontact.output import drawing, view
+from epcontact.output.charts.maps import map_of_file, save_map
 from epcontact.output.vtk import read_fields, write_fields, write_image
 from epcontact.results import (
     APART,
@@ -352,6 +353,58 @@ def test_a_factor_stretches_the_displacements_of_a_block(tmp_path):
     true_shape, stretched = pictures
     assert has_colour(true_shape, WHITE).mean() > 0.2
     assert np.mean(np.any(true_shape != stretched, axis=2)) > 0.05
+
+
+def titles_of(mesh):
+    """Return the titles of the colour bars of a drawn block, and its other texts."""
+    plotter = mock.MagicMock()
+    _, limits = drawing.block_scale(mesh)
+    drawing.draw_block(plotter, mesh, 1.0, limits)
+    bars = [
+        call.kwargs["scalar_bar_args"]["title"].strip()
+        for call in plotter.add_mesh.call_args_list
+        if "scalar_bar_args" in call.kwargs
+    ]
+    return bars, [call.args[0] for call in plotter.add_text.call_args_list]
+
+
+def test_a_mesh_of_a_surface_shows_its_pressure_and_its_gap():
+    mesh = pv.Plane(i_size=2e-3, j_size=1e-3).cast_to_unstructured_grid()
+    mesh.point_data["contact_pressure"] = np.full(mesh.n_points, 2e9)
+    mesh.point_data["gap"] = np.linspace(0, 3e-6, mesh.n_points)
+    bars, texts = titles_of(mesh)
+    assert bars == ["contact pressure (GPa)", "gap (µm)"]
+    assert texts == ["2 × 1 × 0 mm, undeformed"]
+
+
+def test_a_block_without_strain_says_so(tmp_path):
+    mesh = drawing.read_block(block_file(tmp_path / "x.vtu"))
+    mesh.cell_data.remove("equivalent_plastic_strain")
+    bars, texts = titles_of(mesh)
+    assert bars == ["von Mises stress (GPa)"]
+    assert texts == [
+        "no equivalent plastic strain in the file",
+        "10 × 10 × 10 µm, displacements × 1",
+    ]
+
+
+def test_a_surface_without_hardness_ends_its_scale_at_the_largest_pressure(tmp_path):
+    path = tmp_path / "x.vti"
+    pressure = np.array([[0.0, 3e6], [2e6, 0.0]])
+    write_image(path, {"pressure": pressure, "gap": pressure}, (1e-6, 1e-6), {})
+    _, limits = drawing.surface_scale(read_fields(path))
+    assert limits == (3e6,)
+
+
+def test_the_map_of_a_line_is_its_profile(tmp_path):
+    pressure = np.array([0.0, 3e6, 0.0])
+    fields = {"pressure": pressure, "gap": 3e6 - pressure, "state": np.sign(pressure)}
+    write_image(tmp_path / "x.vti", fields, (1e-6,), {})
+    chart = map_of_file(tmp_path / "x.vti")
+    assert chart.header == ("x_m", "state", "pressure_Pa", "gap_m")
+    save_map(tmp_path / "x.vti", tmp_path / "map.png")
+    assert (tmp_path / "map.png").read_bytes() == chart.png()
+    assert sorted(os.listdir(tmp_path)) == ["map.png", "x.vti"]
 
 
 def test_a_line_is_drawn_without_vtk(tmp_path, monkeypatch):
