@@ -44,10 +44,12 @@ def exits_with_success(_):
 
 
 def raises_system_exit(_):
+    """Exit with code 0 instead of solving."""
     sys.exit(0)
 
 
 def breaks_memory(_):
+    """Read the address 0, which kills the process."""
     ctypes.string_at(0)
 
 
@@ -57,57 +59,70 @@ def is_killed(_):
 
 
 def divides_by_zero(_):
+    """Raise ZeroDivisionError."""
     return 1 // 0
 
 
 def has_no_memory(_):
+    """Raise MemoryError."""
     return np.empty(1 << 50)
 
 
 def returns_a_table(_):
+    """Return a dictionary instead of a result."""
     return {"area": 0.1}
 
 
 def returns_another_grid(scene):
+    """Return a result with a pressure on 3 points."""
     return replace(full_contact(scene), fields={"pressure": np.zeros(3)})
 
 
 def presses_infinitely(scene):
+    """Return a result with infinite pressures."""
     return replace(full_contact(scene), fields={"pressure": np.full(32, np.inf)})
 
 
 def leaves_no_name(scene):
+    """Return a result with a field without a name."""
     return replace(full_contact(scene), fields={"": np.zeros(32)})
 
 
 def names_a_number(scene):
+    """Return a result with a field whose name is a number."""
     return replace(full_contact(scene), fields={1: np.zeros(32)})
 
 
 def has_no_steps(scene):
+    """Return a result without load steps."""
     return replace(full_contact(scene), steps=())
 
 
 def answers_twice(scene):
+    """Return a result with two steps for one load."""
     result = full_contact(scene)
     return replace(result, steps=2 * result.steps)
 
 
 def is_unsure(scene):
+    """Return a result whose `converged` is a word."""
     return replace(full_contact(scene), converged="yes")
 
 
 def is_far_off(scene):
+    """Return a result with a step at another load and a residual that is NaN."""
     step = LoadStep(1e9, {}, residuals={"gap": np.nan})
     return replace(full_contact(scene), steps=(step,))
 
 
 def returns_a_list(scene):
+    """Return a result with a list as a quantity."""
     step = LoadStep(1e9, {}, quantities={"a": [1]})
     return replace(full_contact(scene), steps=(step,))
 
 
 def has_saved_work(scene):
+    """Return a result with a negative cost."""
     return replace(full_contact(scene), cost={"fft_pairs": -1})
 
 
@@ -137,6 +152,7 @@ def invents_its_path(scene):
     steps = [replace(step, areas=areas, quantities=quantities) for step in result.steps]
 
     def invent_areas(*_, **__):
+        """Return invented areas instead of raw and corrected ones and their error."""
         return invented, invented, invented
 
     bem.driver.estimate_areas = invent_areas

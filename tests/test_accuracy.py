@@ -59,6 +59,7 @@ def test_a_row_of_the_ledger_has_units_and_the_span_of_its_scenes():
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
+    """Return the folders of two sweeps of the package, solved once."""
     home, names = (
         tmp_path_factory.mktemp("sweeps"),
         ("accuracy-grids", "accuracy-elements"),

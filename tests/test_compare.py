@@ -32,6 +32,10 @@ def runs(tmp_path_factory):
 
 
 def compared(*given):
+    """Run `epcontact compare` on files.
+
+    Returns the exit code, the output with single spaces, and stderr.
+    """
     found = invoke("compare", *given)
     assert max(map(len, found.stdout.splitlines()), default=0) <= 80
     return found.returncode, " ".join(found.stdout.split()), found.stderr

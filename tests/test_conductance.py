@@ -32,6 +32,7 @@ MIKIC = laws.LAWS["Mikic, elastic"]
 
 
 def joint(**changed):
+    """Return the conductance of the usual joint with some arguments changed."""
     return joint_conductance(**(USUAL | changed))
 
 

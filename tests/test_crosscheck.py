@@ -98,12 +98,14 @@ MODEL = [name for name, quantity in QUANTITIES.items() if "J2 flow" in quantity.
 
 
 def measured(scene, result, *names):
+    """Return quantities of a result by their short names, by default those of MODEL."""
     values = measure_all(names or MODEL, scene, result)
     return {name.removeprefix("quantity."): value for name, value in values.items()}
 
 
 @pytest.fixture(scope="module")
 def flowed():
+    """Return a rough scene and its result by J2 finite elements."""
     scene = rough_scene(32, 4)
     return scene, fem_check.solve(scene, law="j2", certified=False)
 
@@ -243,6 +245,7 @@ def tiny(tmp_path):
     """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
 
     def load(*replacements):
+        """Return the case of J2_CASE with texts replaced: pairs of old and new text."""
         text = J2_CASE
         path = tmp_path / "fem-model-5.toml"
         for old, new in (*SMALLER, *replacements):
@@ -314,6 +317,9 @@ FINE = """
 
 
 def scene_of(k, nodes):
+    """Return the k-th scene of an ensemble over severity, nu and body, on nodes x
+    nodes.
+    """
     severity = (5.0, 15.0, 50.0, 30.0)[k % 4]
     nu = (0.3, 0.0, 0.45)[k % 3]
     scene = model_scene(severity, nu, 201 + k, nodes, waves=2)

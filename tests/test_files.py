@@ -65,6 +65,7 @@ def stopped_by(error, name="x"):
     """A block of `atomic_write` that ends in an error, in a folder."""
 
     def write(here):
+        """Write a half of a file in a folder, then raise an error."""
         with files.atomic_write(here / name) as temporary:
             assert (temporary.suffix, temporary.parent) == (Path(name).suffix, here)
             temporary.write_bytes(b"half")
@@ -74,6 +75,7 @@ def stopped_by(error, name="x"):
 
 
 def removing(here):
+    """Remove the temporary file inside of the block."""
     with files.atomic_write(here / "x") as temporary:
         temporary.unlink()
 
@@ -142,6 +144,7 @@ def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(
     tmp_path, monkeypatch
 ):
     def full(_):
+        """Raise the error of a full disk."""
         raise OSError(errno.ENOSPC, "No space left on device")
 
     real, link = tmp_path / "real", tmp_path / "link"

@@ -67,6 +67,7 @@ def verified(write_case, tmp_path, monkeypatch):
     cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
     def run(answers):
+        """Verify the cases with a theory that gives prescribed answers or raises them."""
         persson = replace(METHODS["persson"], solve=Mock(side_effect=answers))
         monkeypatch.setitem(METHODS, "persson", persson)
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
@@ -120,6 +121,7 @@ def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path):
     files = [tmp_path / "out" / name for name in ("verdict.json", "junit.xml")]
 
     def solve(*_):
+        """Check that no old file is left, and interrupt the run."""
         assert not any(path.exists() for path in files)
         raise KeyboardInterrupt
 

@@ -72,6 +72,7 @@ FILES = sorted([*ROOT.glob("epcontact/**/*.py"), *ROOT.glob("fem_check/**/*.py")
 
 
 def module_of(file):
+    """Return the dotted name of the module in a file."""
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(
         ".__init__"
     )
@@ -83,6 +84,7 @@ MODULES = {
 
 
 def room_of(module):
+    """Return the room of a module: its first two names, of fem_check the first."""
     return ".".join(module.split(".")[: 1 if module.startswith("fem_check") else 2])
 
 

@@ -109,6 +109,9 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     whole = isinstance(good, int)
 
     def made(number):  # of several numbers the last is replaced
+        """Build the object with a number instead of its value; of several the last is
+        replaced.
+        """
         several = isinstance(values[name], tuple)
         return make(**values | {name: (*others, number) if several else number})
 

@@ -25,6 +25,7 @@ FLOWS = Material(1e11, 0.3, yield_stress=2e9)
 
 @pytest.fixture(scope="module")
 def scene():
+    """Return a rough scene of 48 x 48 points that public codes solve quickly."""
     spectrum = SelfAffineSpectrum(0.8, Q, 2 * Q, 8 * Q, 0.1)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (48, 48), seed=3).build()
     return Scene(surface, Material(1e11, 0.3, 6e9), Load(5e8))

@@ -28,9 +28,11 @@ def images(s, x, c):
     """Plastic area, force, mass below x, dP/dx at 0 and P(x), summed over images."""
 
     def phi(z):
+        """Return the normal density of spread c at the distance z from its centre."""
         return mp.exp(-((z / c) ** 2)) / (mp.sqrt(mp.pi) * c)
 
     def mass(start):  # of a Gaussian about the start, between 0 and x
+        """Return the mass of a Gaussian about `start` between 0 and x."""
         return (mp.erf((x - start) / c) + mp.erf(start / c)) / 2
 
     walls = [(2 * m + 1 - s) / c for m in range(6)]
@@ -46,6 +48,7 @@ def modes(s, x, c):
     """The same by eigenfunctions."""
 
     def total(weight):
+        """Return sum_k weight(k) 2 sin(k s) exp(-(k c/2)^2) over k = n pi, n = 1 to 9."""
         waves = [(mp.pi * k, 2 * mp.sin(k * mp.pi * s)) for k in range(1, 10)]
         return mp.fsum(weight(k) * b * mp.exp(-((k * c / 2) ** 2)) for k, b in waves)
 

@@ -29,10 +29,12 @@ PLACES = [(0.05, 0.6), (0.02, 0.16), (0.3, 1.2), (0.05, math.inf)]
 
 
 def shares(state):
+    """Return elastic, plastic and separated area at the end of a state, (3,)."""
     return np.array([state.elastic[-1], state.plastic[-1], state.separated[-1]])
 
 
 def body(hardness=math.inf):
+    """Return the theory by the rule "local" with E* = 1; `hardness` is in this unit."""
     return Theory(ROUGH, 1.0, EnergyReduction(CONSTANTS[0], "local"), hardness)
 
 

@@ -59,14 +59,20 @@ LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
 
 
 def body(roughness, hardness=math.inf, rule="constant"):
+    """Return the theory of a roughness with E* = 250 GPa and gamma = 0.536.
+
+    `hardness` is in Pa, infinite for an elastic body; `rule` is the energy reduction's.
+    """
     return Theory(roughness, MODULUS, EnergyReduction(GAMMA, rule), hardness)
 
 
 def model(bands=512, hardness=math.inf):
+    """Return the theory of the spectrum WIDE in `bands` bands; `hardness` is in Pa."""
     return body(analytic_roughness(WIDE, bands), hardness)
 
 
 def law(zeta):
+    """Return the hardness in Pa at magnifications zeta: 100 GPa zeta^0.15."""
     return 100e9 * zeta**0.15
 
 
@@ -78,6 +84,7 @@ STATE = (mean_separation, elastic_energy)
 
 
 def solve(scene=SCENE, **options):
+    """Solve a scene by the theory with gamma = 0.536, unless options say otherwise."""
     return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
 
 
@@ -130,6 +137,7 @@ def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_t
 
 def test_areas_that_do_not_add_up_show_in_the_residual(monkeypatch):
     def wrong_areas(*arguments):
+        """Return the areas of `areas` with 1.5 times the elastic area."""
         exact = areas(*arguments)
         return replace(exact, elastic=1.5 * exact.elastic)
 
@@ -172,6 +180,7 @@ def test_scenes_and_options_that_are_refused(change, options, words):
 
 @pytest.fixture
 def theory():
+    """Return the theory of the scene SCENE with gamma = 0.536."""
     return Theory.of_scene(SCENE, energy_reduction=GAMMA)
 
 
@@ -230,6 +239,7 @@ def test_the_differential_rules_solve_their_equation(reduction, hardness):
     """
 
     def rate(log_g):
+        """Return G / S(A(G)) at ln G, the integrand of tau over ln G."""
         G = math.exp(log_g)
         return G / float(reduction.factor(areas(G, 12.5, hardness).total))
 
@@ -275,6 +285,7 @@ def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored():
     """U_el = (pi/2) E* int q^2 C dq and no gap is left; before, dU_el = -p d(ubar)."""
 
     def integrand(q):
+        """Return q^2 C(q) of the spectrum WIDE at q in rad/m."""
         return q**2 * density(WIDE, q)
 
     moment, _ = quad(integrand, 2.5e4, 16e5, points=[1e5], limit=200)
@@ -298,6 +309,9 @@ def test_separation_of_one_wave_number_is_the_published_integral():
     made = body(analytic_roughness(narrow, 1024))
 
     def rate(pressure, x):
+        """Return d(S A)/dp / p at a pressure in Pa; x is the fraction of slope
+        variance.
+        """
         spread = 2 * math.sqrt(x * MODULUS**2 * 0.01 / 8)
         A = erf(pressure / spread)
         slope = 2 / math.sqrt(math.pi) / spread * math.exp(-((pressure / spread) ** 2))

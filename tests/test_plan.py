@@ -27,6 +27,7 @@ from epcontact.surfaces import HeightsFromArray, Sinusoid
 
 
 def solved(case):
+    """Return the results of boundary elements for all surfaces of a case."""
     options = case.options["bem"]
     results = [bem.solve(case.scene(r), threads=1, **options) for r in case.recipes]
     return MethodResults(tuple(results), tuple(f"seed{i}" for i in range(len(results))))
@@ -40,6 +41,7 @@ def with_areas(result, corrected, error):
 
 
 def mean_total(answer):
+    """Return the mean corrected contact area of results."""
     return float(np.mean([r.final.areas["corrected"].total for r in answer.results]))
 
 
@@ -54,6 +56,10 @@ def true_total(case):
 
 
 def pilot(n, error, total=0.1):
+    """Return a pilot on n x n points with a relative error and a total area.
+
+    Its work is 30 FFT pairs.
+    """
     return pilots.Pilot((n, n), Areas(total, 0.06, 0.04), error, 1.0, 30.0 * n**2)
 
 

@@ -27,6 +27,7 @@ L = 1e-3
 
 
 def integral(function, low, high):
+    """Return the integral of a function of one number between two ends."""
     found = quad(
         lambda x: float(function(x)), low, high, epsabs=1e-13, epsrel=1e-11, limit=200
     )
@@ -49,6 +50,7 @@ def periodic_displacement(pressure, points, period):
 
 def test_lattice_sums():
     def known(power):
+        """Return 4 zeta(power) beta(power), the sum over a square lattice."""
         return 4 * float(mpmath.zeta(power) * mpmath.dirichlet(power, [0, 1, 0, -1]))
 
     found = (bumps.LATTICE_SUM_3, bumps.LATTICE_SUM_5, -bumps.MADELUNG)
@@ -79,6 +81,7 @@ def test_cylinders_in_a_row():
     """
 
     def pressure(x, a):
+        """Return the pressure in Pa at x of a row of cylinders with half-width a, in m."""
         return bumps.cylinder_pressure_periodic(x, a, RADIUS, MODULUS, L)
 
     for a in (0.1 * L, 0.3 * L, 0.45 * L):
@@ -104,6 +107,11 @@ def test_a_strip_carries_its_force_and_ends_at_its_rim():
     edge = math.sin(math.pi / 4)
 
     def substituted(t):  # sin(pi x/L) = sin(pi a/L) sin(t): no singularity
+        """Return the integrand of the pressure over t, with sin(pi x/L) = sin(pi a/L)
+        sin t.
+
+        The substitution removes the singularity at the rim.
+        """
         angle = math.asin(edge * math.sin(t))
         pressure = posts.strip_pressure_periodic(
             np.array(4 / math.pi * angle), 5.0, 1.0, 4.0
@@ -184,19 +192,29 @@ def test_pressure_and_gap_of_a_wave_solve_the_contact_problem():
 
 
 def elastic(recipe, pressure, hardness=math.inf):
+    """Return the scene of a recipe at a mean pressure in Pa.
+
+    `hardness` is in Pa; by default the body is elastic.
+    """
     return Scene(recipe.build(), replace(ELASTIC, hardness=hardness), Load(pressure))
 
 
 def wave(share, points=4096, hardness=math.inf):
+    """Return a line of one wave at a share of the pressure that closes it.
+
+    `points` is the number of grid points, and `hardness` is in Pa.
+    """
     complete = math.pi * STIFFNESS * 1e-6 / L
     return elastic(Sinusoid((L,), (points,), 1e-6), share * complete, hardness)
 
 
 def punch(points, hardness=math.inf):
+    """Return a line with a flat punch of 0.3 periods at 1e8 Pa; `hardness` is in Pa."""
     return elastic(FlatPunch((L,), (points,), 0.3 * L, 1e-5), 1e8, hardness)
 
 
 def rough(pressure=2e10, hardness=math.inf):
+    """Return a rough surface at a mean pressure in Pa; `hardness` is in Pa."""
     spectrum = SelfAffineSpectrum(0.8, 7e3, 1.4e4, 6e4, 0.02)
     return elastic(SelfAffine(spectrum, (L, 1.2 * L), (48, 60), 3), pressure, hardness)
 
@@ -205,6 +223,7 @@ BUMP = elastic(Paraboloid((L,), (64,), 1e-2), 1e7)
 
 
 def scalar(form, quantity, scene):
+    """Return a quantity of a scene by the closed form of this name."""
     return CLOSED_FORMS[form].scalar(quantity, scene)
 
 
@@ -325,6 +344,7 @@ def test_the_work_on_a_level_layer_is_stored_or_spent():
     layer = Scene(surface, material, Load(1e9), Body("bonded_layer", 1e-3))
 
     def at(quantity, *path):
+        """Return a quantity of the level layer after a path of mean pressures in Pa."""
         return scalar("flat", f"quantity.{quantity}", replace(layer, load=Load(path)))
 
     # At first all of it is elastic, with half of the pressure times the approach.

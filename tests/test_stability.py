@@ -18,6 +18,7 @@ from epcontact.studies.stability import EXAMINED, MAPS, SIZES, chart, stability,
 
 @pytest.fixture(scope="module")
 def coarse():
+    """Return the table of all stability maps at the coarse size."""
     return stability()
 
 
@@ -56,7 +57,10 @@ def test_newton_fails_nowhere_on_the_full_map():
 
 
 def failing(error):
+    """Return a solver that raises an error."""
+
     def solve(*_, **__):
+        """Raise the error."""
         raise error
 
     return solve

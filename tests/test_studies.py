@@ -80,6 +80,7 @@ SMALL: dict[str, dict[str, Any]] = {
 
 @functools.cache
 def charts_of(name):
+    """Return the charts of a study with the options SMALL, computed once."""
     return STUDIES[name].run(**SMALL[name])
 
 
@@ -89,6 +90,7 @@ def drawn(name, number):
 
 
 def of_kind(table, kind, column="relative_error"):
+    """Return a column of the rows of one series, (n,)."""
     return table[table["series"] == kind][column].to_numpy()
 
 
@@ -130,6 +132,7 @@ def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):
     times = {"a": [0.02, 0.5, 1.5], "b": [0.4, 700.0, 3.0], "c": [0.9, 0.7, 1e-5]}
 
     def judged(kind, seed, points):
+        """Return the prescribed ratio of error and estimate, instead of a solve."""
         return {"times": times[kind][seed]}
 
     monkeypatch.setattr(areas, "judged", judged)
@@ -186,6 +189,7 @@ def test_rows_are_the_product_of_the_axes():
     said: list[str] = []
 
     def row(load, law):
+        """Return a row with the load as its area."""
         return {"area": load}
 
     table = tabulate(said.append, row, load=(0.5, 2.0), law=("a", "b"))
@@ -382,13 +386,16 @@ def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
 
 def test_a_peer_is_timed_only_where_its_areas_agree():
     def same(heights, load, hardness, _):
+        """Return pressures over E* by the package itself, as if it were another code."""
         scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
         return bem.solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
 
     def late(*_):
+        """Raise the error of a worker that exceeds its time limit."""
         raise WorkerDied("was not finished within 3 s and was ended")
 
     def wrong(heights, load, *_):
+        """Return a uniform pressure, which is no solution."""
         return np.full(heights.shape, load)
 
     solvers = {"ContactMechanics": same, "tamaas": wrong, "slow": late}

@@ -15,6 +15,9 @@ MODULUS = 100e9
 
 
 def spectrum(hurst=0.8, wide=64.0, roll_off=4.0):
+    """Return a spectrum with rms slope 0.1; `wide` and `roll_off` are over the lowest
+    wave number.
+    """
     return SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 0.1)
 
 
@@ -67,6 +70,7 @@ def test_intervals_hold_the_errors_on_other_surfaces_spectra_and_places():
 
 def test_more_surfaces_and_larger_ones_scatter_less():
     def width(error):
+        """Return the width of the interval of an expected error."""
         return error.high - error.low
 
     one, eight = (expected(surfaces=n)["total"] for n in (1, 8))

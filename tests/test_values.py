@@ -40,6 +40,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
 @functools.cache
 def posts():
+    """Return a scene of three flat posts of two heights, and its result by BEM."""
     heights = np.full((24, 20), -50e-6)
     heights[2:4, 3:6], heights[8:12, 10:14], heights[16:21, 2:5] = 3e-6, 0.0, 0.0
     scene = Scene(Surface(heights, (1.2e-3, 0.8e-3)), METAL, Load(60e6))
@@ -48,6 +49,7 @@ def posts():
 
 @functools.cache
 def strain():
+    """Return a level layer on a load path, and its result by J2 finite elements."""
     surface = Surface(1e-12 * np.cos(np.arange(6) * np.pi / 3), (1e-3,))
     metal = Material(210e9, 0.3, yield_stress=1e9)
     load = Load((0.5e9, 3.0e9, 1.0e9))
@@ -97,6 +99,7 @@ def order():
 
 @functools.cache
 def theory():
+    """Return a rough scene and its result by the theory."""
     spectrum = SelfAffineSpectrum(0.7, 2e4, 4e4, 8e4, rms_slope=0.07)
     surface = SelfAffine(spectrum, (1e-3, 1e-3), (32, 32), seed=1).build()
     scene = Scene(surface, METAL, Load(1e8))

@@ -45,6 +45,7 @@ from epcontact.results import (
 
 
 def gate(norm="relative", low=-0.1, high=0.1):
+    """Return a gate on the raw area of bem against persson with a band."""
     return Gate("area.total.raw", "bem", "persson", norm, low, high, "a test")
 
 
@@ -157,6 +158,7 @@ def answer(method, *areas, claim=0.0, labels="abc"):
 
 
 def of_bem(*areas, claim=0.0, **others):
+    """Return results of bem with these areas, of persson with 0.1, and others."""
     return {
         "bem": answer("bem", *areas, claim=claim),
         "persson": answer("persson", 0.1),
@@ -164,6 +166,7 @@ def of_bem(*areas, claim=0.0, **others):
 
 
 def failed(method, *areas):
+    """Return results of a method with these areas and one error."""
     return {method: replace(answer(method, *areas), errors=(f"{method}, a: stalled",))}
 
 
@@ -339,6 +342,7 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
 
 
 def git(folder, *words):
+    """Run git in a folder and return its output."""
     about = ("-c", "user.name=x", "-c", "user.email=x", "-c", "commit.gpgsign=false")
     done = subprocess.run(
         ("git", *about, *words), cwd=folder, check=True, capture_output=True, text=True
@@ -423,9 +427,11 @@ def test_a_run_that_ends_in_an_error_leaves_no_verdict(tmp_path, monkeypatch):
     names = ["junit.xml", "verdict.json"]
 
     def verdict_files():
+        """Return the names of the files in the output folder."""
         return sorted(path.name for path in tmp_path.iterdir() if path.is_file())
 
     def full(_):
+        """Raise the error of a full disk."""
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     assert verify("bearing-area", output=tmp_path, jobs=1).passed

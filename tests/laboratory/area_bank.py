@@ -92,6 +92,7 @@ def _copies(patch, rng):
 
 
 def _noisy(patch, rng):
+    """Return roughness with a fine noise of smaller amplitude."""
     fine = Member(
         patch.shape, (1.0, 1.0), 0, 0, max(int(1.25 * patch.high), 2), patch.maker, 0
     )
@@ -99,10 +100,12 @@ def _noisy(patch, rng):
 
 
 def _wear(patch, rng):
+    """Return roughness whose summits are cut off at a random height."""
     return np.minimum(roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.5, 1.0) * 0.06)
 
 
 def _rough(patch, rng):
+    """Return self-affine roughness with a random Hurst exponent."""
     return roughness(patch, rng, 0.2, 0.95)
 
 
@@ -349,7 +352,10 @@ def without():
     whole = rim.sums_of_fronts
 
     def lacking(*names):
+        """Return the patch of an ablation: some sums of the fronts are 0."""
+
         def sums(*arguments):
+            """Return the sums of the fronts with the named ones set to 0."""
             found, *rest = whole(*arguments)
             return found._replace(**dict.fromkeys(names, np.zeros(2))), *rest
 

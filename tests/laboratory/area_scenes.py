@@ -42,11 +42,13 @@ def _disc(patch, rng, slope):
 
 
 def _strip(patch, rng):
+    """Return a flat strip along x on a floor."""
     x, y = patch.offsets((0.5, 0.5))
     return np.where(np.abs(y) < 0.201, 0.0, -1.0) + 0 * x
 
 
 def _worn(patch, rng):
+    """Return roughness cut off at 0.4 of its rms height."""
     rough = roughness(patch, rng, 0.8, 0.8)
     return np.minimum(rough, 0.4 * rough.std())
 
@@ -64,6 +66,10 @@ class Scene:
 
 
 def _member(maker, points, load, hardness=math.inf, high=16):
+    """Return a `Member` on a grid; load and hardness are over E*.
+
+    `high` is the number of the shortest waves in a period.
+    """
     shape = points if isinstance(points, tuple) else (points, points)
     return Member(shape, (1.0, 1.0), load, hardness, high, maker, drawn=1)
 

@@ -15,6 +15,7 @@ def save(study: Study) -> None:
     arguments = parser.parse_args()
 
     def say(sentence: str) -> None:
+        """Print a sentence on stderr."""
         print(sentence, file=sys.stderr)
 
     charts = study.run(say, full=arguments.full)

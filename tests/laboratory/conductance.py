@@ -231,6 +231,7 @@ def by_spots(mask, C):
     one[0, 0] = mask.size
 
     def sunk(p):
+        """Return the displacement of a pressure field."""
         return np.fft.irfft2(C * np.fft.rfft2(p), mask.shape)
 
     holm = 1 / (2 * radius.sum())

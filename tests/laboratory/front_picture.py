@@ -27,6 +27,7 @@ def field(factor):
 
 
 def main(path):
+    """Draw the fronts on a grid and on a finer one, and save the picture to a path."""
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="x (periods)", ylabel="y (periods)")
     (x, y), v = field(1)

@@ -69,6 +69,7 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
     y = ("cumulative_area", "fraction of the area with a smaller gap (–)")
 
     def row(ratio, seed, method, points, bandwidth):
+        """Return rows of the distribution at GAPS by a method on one surface."""
         scene = paper.rough_scene(points, seed, bandwidth, ratio * paper.MODULUS)
         columns = {x[0]: GAPS, y[0]: cumulative(method, scene)}
         return pd.DataFrame(columns).to_dict("records")

@@ -328,6 +328,7 @@ def _fit_at(known, weight, change, places):
     """A change at the places, by the fit of `off_the_grid` to that of known places."""
 
     def columns(at):
+        """Return the columns of the fit by the contact area, (n, 2)."""
         spots = ((1 - at["area"]) * at["area"] ** -0.25).to_numpy()
         return np.column_stack([spots, spots / (1 + at.index.get_level_values(0) / 8)])
 

@@ -67,12 +67,14 @@ def _waves(patch, rng, count=60):
 
 
 def _terraces(patch, rng):
+    """Return roughness on two levels whose edge follows long waves."""
     coarse = replace(patch, high=3)
     above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
     return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
 
 
 def _ripples(patch, rng):
+    """Return two sinusoids in different directions."""
     x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
@@ -83,6 +85,7 @@ def _ripples(patch, rng):
 
 
 def _ellipsoids(patch, rng):
+    """Return a few turned elliptic summits."""
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(2, 7))):
         along, across = _turned(patch, rng)
@@ -92,6 +95,7 @@ def _ellipsoids(patch, rng):
 
 
 def _rings(patch, rng):
+    """Return one or two flat elliptic rings or discs."""
     heights = np.zeros(patch.shape)
     for _ in range(int(rng.integers(1, 3))):
         along, across = _turned(patch, rng)
@@ -105,12 +109,14 @@ def _rings(patch, rng):
 
 
 def _pyramids(patch, rng):
+    """Return a pyramid with a flat top."""
     along, across = _turned(patch, rng)
     away = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
     return -rng.uniform(0.1, 0.8) * np.maximum(away - rng.uniform(0.05, 0.3), 0)
 
 
 def _grooves(patch, rng):
+    """Return roughness with parallel grooves of triangular section."""
     (a, b), (x, y) = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]]), patch.offsets()
     across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
     width = rng.uniform(0.1, 0.4)
@@ -119,6 +125,7 @@ def _grooves(patch, rng):
 
 
 def _spikes(patch, rng):
+    """Return roughness with narrow cones."""
     heights = _waves(patch, rng)
     for _ in range(int(rng.integers(3, 30))):
         along, across = _turned(patch, rng)
@@ -236,10 +243,12 @@ def fitted(known, start):
     """The constants with the least loss; where `sharp` is 0 it is kept."""
 
     def off(centre):
+        """Return the logarithms of the errors with two constants of the edges changed."""
         changed = start._replace(sharp=centre[0], short=centre[1])
         return np.log(judged(known, changed)["error"] + 0.002)
 
     def loss(logarithms):
+        """Return the mean width of the intervals with a penalty for errors outside."""
         claims = dict(zip(("chance", "area"), np.exp(logarithms), strict=True))
         found = np.log(
             judged(known, start._replace(**claims))[["claim", "error"]] + _LEAST
@@ -263,6 +272,7 @@ def fitted(known, start):
 
 
 def _disc(points, radius, centre):
+    """Return the scene of a flat disc on a floor; lengths are over the period."""
     x, y = ((np.arange(points) / points - c + 0.5) % 1 - 0.5 for c in centre)
     heights = np.where(np.hypot(x[:, None], y[None]) < radius, 0.0, -10.0)
     return Scene(Surface(heights, (1.0, 1.0)), Material(1.0, 0.0), Load(0.05))

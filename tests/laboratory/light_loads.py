@@ -52,6 +52,7 @@ def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, 
 
 
 def main():
+    """Print the effective hardness at light loads for each of RUNS."""
     for nodes, waves, severity, seeds in RUNS:
         found = areas(nodes, waves, severity, seeds)
         inverse = inverse_hardness(found)[0]["inverse"].to_numpy()

@@ -125,6 +125,9 @@ def fit(table, start=CONSTANTS):
     used = usable(table)
 
     def misfit(constants):
+        """Return the differences of the rule's logarithmic areas over their scale,
+        (n,).
+        """
         found = by_local(table, constants, (25, 4))
         return (np.log(found[used] / area[used])) / scale[used]
 

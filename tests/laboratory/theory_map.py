@@ -161,6 +161,9 @@ def distances(pressures, exact, hardness):
     plastic = np.array([one.plastic for one in pressures])
 
     def off(used):
+        """Return the distance of the mean distribution of some surfaces from the
+        theory's.
+        """
         mean = PressureDistribution(sigma, shares[used].mean(0), plastic[used].mean())
         return distance("wasserstein", exact, mean, hardness)
 

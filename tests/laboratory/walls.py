@@ -94,6 +94,7 @@ def steps(seed, bandwidth, place, points, fractions):
     cap = hardness * (1 - 1e-12)
 
     def solve(strength):
+        """Return the pressures over E* xi with the ring times a strength."""
         surface = replace(base, heights=base.heights + strength * ring)
         result = bem.solve(Scene(surface, body, Load(p0 * unit)))
         return result.fields["pressure"] / unit
@@ -181,6 +182,7 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
     bodies = {h: f"hardness {h:g}" for h in (0.3, 0.6, 1.2)}
 
     def select(rows):
+        """Return the rows of the widest band at the shown load, with the body in words."""
         widest = rows["bandwidth"] == max(bandwidths)
         shown = rows[widest & (rows["p0"] == SHOWN_LOAD)]
         return shown.assign(body=shown["hardness"].map(bodies).fillna("no hardness"))
