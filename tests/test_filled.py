@@ -143,7 +143,7 @@ def test_removed_outliers_count_as_replaced(solve):
 
 
 def test_a_seventh_of_three_equal_plateaus():
-    """Three of 21 points of contact are filled, and carry the load of their pressures."""
+    """Three of 21 points of contact are filled; their pressures carry their load."""
     heights = np.full(60, -1.0)
     for start in (3, 23, 43):
         heights[start : start + 7] = 0.0

@@ -113,7 +113,8 @@ class Preparation(Fields):
         Literal["keep", "remove"],
         entry(
             "",
-            "spikes of an instrument: kept with a note, or removed and filled (harmonic)",
+            "spikes of an instrument: kept with a note, or removed and filled "
+            "(harmonic)",
         ),
     ] = "keep"
     form: Annotated[
@@ -267,7 +268,7 @@ def find_outliers(heights: FloatArray) -> NDArray[np.bool_]:
     from scipy import ndimage
 
     missing = np.isnan(heights)
-    complete = fill_holes(heights, "nearest") if missing.any() else heights
+    complete = fill_holes(heights, "nearest")
     axes = range(complete.ndim)
     steps = [np.abs(np.diff(complete, axis=axis)).ravel() for axis in axes]
     usual = float(np.percentile(np.concatenate(steps), 99))
@@ -340,7 +341,7 @@ def _without_form(
 
 def _is_tilted(heights: FloatArray) -> bool:
     """Return whether heights jump at edges mostly because the map is tilted."""
-    complete = fill_holes(heights, "nearest") if np.isnan(heights).any() else heights
+    complete = fill_holes(heights, "nearest")
     jumps = edge_jumps(complete)
     level_jumps = edge_jumps(remove_form(complete, 1))
     for jump, (level_edge, _) in zip(jumps, level_jumps, strict=True):
@@ -393,7 +394,7 @@ def _without_holes(
 
 
 def fill_holes(heights: FloatArray, method: str) -> FloatArray:
-    """Return heights in which every NaN is replaced.
+    """Return heights in which every NaN is replaced; without any, the heights.
 
     Args:
         heights: (nx, ny) or (nx,), with at least one height.
@@ -403,6 +404,8 @@ def fill_holes(heights: FloatArray, method: str) -> FloatArray:
     from scipy import ndimage, sparse
 
     holes = np.isnan(heights)
+    if not holes.any():
+        return heights
     if method == "nearest":
         _, nearest = ndimage.distance_transform_edt(holes, return_indices=True)
         return np.asarray(heights[tuple(nearest)])

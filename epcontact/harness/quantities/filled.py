@@ -27,7 +27,8 @@ MOST = 0.5
 
 @quantity("–")
 def filled_contact(solved: SolvedScene) -> float:
-    """fraction of the grid points in contact whose heights were filled or replaced, not measured.
+    """fraction of the grid points in contact whose heights were filled or replaced, not
+    measured.
 
     It is 0 for a surface without such heights.
     """
@@ -36,7 +37,8 @@ def filled_contact(solved: SolvedScene) -> float:
 
 @quantity("–")
 def filled_load(solved: SolvedScene) -> float:
-    """fraction of the load on grid points whose heights were filled or replaced, not measured.
+    """fraction of the load on grid points whose heights were filled or replaced, not
+    measured.
 
     It is 0 for a surface without such heights.
     """
@@ -64,8 +66,8 @@ def filled_notes(steps: Sequence[LoadStep]) -> tuple[str, ...]:
         return ()
     pressure = steps[fractions.index(largest)].mean_pressure
     return (
-        f"{100 * largest:.3g} % of the load at {pressure:.4g} Pa is on heights that were "
-        "filled or replaced and not measured, so that the contact is that of the filling: "
-        "measure the points without a height again (other exposure, objective or tilt, "
-        "or a stylus), or crop the map to a part with fewer of them",
+        f"{100 * largest:.3g} % of the load at {pressure:.4g} Pa is on heights that "
+        "were filled or replaced and not measured, so that the contact is that of the "
+        "filling: measure the points without a height again (other exposure, objective "
+        "or tilt, or a stylus), or crop the map to a part with fewer of them",
     )
