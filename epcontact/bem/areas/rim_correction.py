@@ -308,7 +308,7 @@ def _balance(
     phi = (load - plastic) / (contact - plastic)
     # Elastic points may carry nothing but rounding.
     slopes = np.maximum([phi, 1 - phi], 1e-9)
-    surplus = COUNTED * sums.length + TIP * sums.tips
+    surplus = COUNTED * (sums.length - sums.pinned) + TIP * sums.tips
     measured = load - slopes @ (surplus * np.array([1, -1]))
     variances = POINTS * sums.length
     variances += ANYWHERE**2 * (sums.pinned**2 + sums.at_kink**2)
