@@ -93,6 +93,7 @@ def _elastic_area(w: Diffusion) -> FloatArray:
     """
 
     def weight(n: FloatArray) -> FloatArray:
+        """Return (2/pi) [1 - (-1)^n]/n."""
         return 2 / np.pi * (1 - (-1) ** n) / n
 
     return evaluate(
@@ -162,6 +163,7 @@ def pressure_density(
         )
 
     def modes(w: Diffusion) -> FloatArray:
+        """Return the density over the unit by the sum over eigenfunctions."""
         density = w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y))
         return np.maximum(density, 0)
 
@@ -195,6 +197,7 @@ def pressure_cumulative(
         raise InvalidScene("pressure is not a number (NaN)")
 
     def modes(w: Diffusion) -> FloatArray:
+        """Return the mass between 0 and x by the sum over eigenfunctions."""
         return w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n)
 
     below = evaluate(w, modes=modes, images=series.cumulative_images)
@@ -214,6 +217,7 @@ def boundary_slopes(
     w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
 
     def modes(w: Diffusion) -> FloatArray:
+        """Return dP/dx at x = 0 by the sum over eigenfunctions."""
         return w.sum_modes(lambda n: 2 * np.pi * n)
 
     at_zero = evaluate(w, modes=modes, images=series.slope_images)

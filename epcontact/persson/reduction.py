@@ -158,6 +158,7 @@ def reduced_diffusion(
         return G
 
     def factor(G: FloatArray) -> FloatArray:
+        """Return S at the contact area that belongs to G (Pa^2)."""
         return reduction.factor(areas(G, mean_pressure, hardness).total)
 
     if reduction.rule == "xu":
@@ -200,6 +201,7 @@ def _integrate(
     remainder = tau - np.concatenate([edges[:1], tau_at_edges])[step]
 
     def residual(G: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return int_low^G dG / S less the remainder of tau, and its derivative."""
         return integral(low, G) - remainder, 1 / factor(G)
 
     return _newton(residual, low, edges[step + 1])

@@ -111,6 +111,7 @@ def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
     variance_at_edges = np.concatenate([[0.0], np.cumsum(slope_variance)])
 
     def slope_variance_up_to(q: ArrayLike) -> FloatArray:
+        """Return xi^2 of the flattened roughness up to wave numbers q in rad/m."""
         q = np.asarray(q, dtype=np.float64)
         return np.asarray(np.interp(q, edges, variance_at_edges))
 

@@ -252,6 +252,7 @@ def cumulative_images(w: Diffusion) -> FloatArray:
     x, s, d, c = low.x, low.s, low.d, low.c
 
     def mass(centre: FloatArray, lower: FloatArray) -> FloatArray:
+        """Return the mass of a Gaussian between lower and 2 centre - lower."""
         return gaussian_mass(centre / c, s / c, lower / c)
 
     below = mass(np.zeros_like(c), -s) - mass(x, d)

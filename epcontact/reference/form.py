@@ -43,6 +43,7 @@ class ClosedForm:
         """
 
         def register(function: SceneFunction) -> SceneFunction:
+            """Add a function of the scene to the form and return it."""
             for quantity in quantities:
                 if quantity.startswith("area."):
                     self._functions[f"{quantity}.raw"] = function

@@ -96,6 +96,7 @@ def pair_times(
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
 
     def pair() -> None:
+        """Transform the field forward and back, in place."""
         ducc0.fft.r2c(field, out=modes, nthreads=threads)
         ducc0.fft.c2r(
             modes,
@@ -134,6 +135,7 @@ def by_method(
     exact = bem.solve(scene, tolerance=1e-10, threads=1)
 
     def row(method: str, tolerance: float) -> Rows:
+        """Return the row of a solve by a method; none if the method has failed."""
         if method in failures:
             return []
         try:
@@ -202,6 +204,7 @@ def speed(
     fewest, most = solves
 
     def row(points_a_side: int, law: str) -> Rows:
+        """Return a row for each accuracy on one grid."""
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
         count = min(most, max(fewest, 2**23 // points_a_side**2))

@@ -251,6 +251,7 @@ def path_costs(
     """
 
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
+        """Return nodes, iterations and time of one load path."""
         nodes, layers = mesh
         _, time_of_pair = pair_times((2048, 2048), 1, 3)
         scene = _j2_scene(seed, nodes, nodes // 8)

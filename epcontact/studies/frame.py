@@ -82,6 +82,7 @@ class Study:
         values |= options
 
         def say_with_name(sentence: str) -> None:
+            """Pass a sentence on with the name of the study before it."""
             say(f"{self.name}: {sentence}")
 
         about = " ".join((self.function.__doc__ or "").split())
@@ -105,6 +106,7 @@ def study(
     """
 
     def register(function: Callable[..., Charts]) -> Callable[..., Charts]:
+        """Add the function to `STUDIES` and return it."""
         STUDIES[name] = Study(name, function, full)
         return function
 

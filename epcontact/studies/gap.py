@@ -95,10 +95,12 @@ def gap(
     """
 
     def solve(law: str, seed: int) -> Rows:
+        """Return rows of `gaps` of one surface by boundary elements."""
         scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return gaps(scene, LOADS, paper.solve_bem)
 
     def predict(law: str) -> Rows:
+        """Return rows of `gaps` by the theory at more loads."""
         scene = rough_scene(points, seeds[-1], bandwidth, paper.LAWS[law])
         dense = [LOADS[0] * 2.0 ** (k / 4) for k in range(4 * len(LOADS) - 3)]
         return gaps(scene, dense, paper.solve_theory)
@@ -271,6 +273,7 @@ def residual(
     def row(
         model: str, hardness: float, seed: int, points: int, bandwidth: int
     ) -> Rows:
+        """Return a row for each octave of one surface by a model."""
         scene = rough_scene(points, seed, bandwidth, hardness * MODULUS)
         changes: dict[str, float] = {}
         if model == "theory":

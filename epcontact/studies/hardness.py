@@ -84,6 +84,7 @@ def hardness(
     names = [f"quantity.{name}" for name in MEASURES]
 
     def row(nu: float, severity: float, seed: int) -> dict[str, float]:
+        """Return the quantities MEASURES of one J2 body."""
         scene = model_scene(severity, nu, seed, nodes)
         values = measure_all(names, scene, solve_j2(scene))
         return dict(zip(MEASURES, values.values(), strict=True))

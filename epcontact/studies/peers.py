@@ -68,6 +68,7 @@ def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Row
     times: dict[str, list[tuple[float, float]]] = {aim: [] for aim in AIMS}
 
     def solve_here(aim: str) -> tuple[float, float]:
+        """Solve by this package; note the time and return total and plastic raw area."""
         result, spent = timed(lambda: bem.solve(scene, threads=1, **AIMS[aim]))
         times[aim].append(spent)
         return result.final.areas["raw"].total, result.final.areas["raw"].plastic
@@ -75,6 +76,7 @@ def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Row
     def row(
         code: str, setting: str, seconds: float, areas: tuple[float, float]
     ) -> dict[str, Any]:
+        """Return the row of one code: see `race`."""
         told = {
             "seconds": seconds,
             "total": areas[0],

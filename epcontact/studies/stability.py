@@ -197,9 +197,11 @@ def _boundary_elements(
     steps = None if method == "newton" else most_steps
 
     def solve() -> ContactResult:
+        """Solve the scene by boundary elements."""
         return bem.solve(scene, method=method, threads=1, max_steps=steps)  # type: ignore[arg-type]
 
     def check(result: ContactResult) -> float:
+        """Return the largest violation of a contact condition, measured on the fields."""
         names = ("measured_gap", "measured_force", "measured_bounds")
         return max(abs(measure(f"quantity.{name}", scene, result)) for name in names)
 
@@ -220,9 +222,11 @@ def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
     scene = Scene(surface, Material(1e11, nu, yield_stress=unit / y), Load(x * unit))
 
     def solve() -> ContactResult:
+        """Solve the scene by finite elements with J2 flow."""
         return fem_check.solve(scene, law="j2", steps=4)
 
     def check(result: ContactResult) -> float:
+        """Return the largest residual of the balance."""
         return max(abs(r) for r in result.final.residuals.values())
 
     return _solve_and_check(solve, "newton_steps", check)
@@ -240,10 +244,12 @@ def _sum(method: str, x: float, y: float) -> Any:
     """
 
     def package(load: float) -> tuple[float, float, float]:
+        """Return elastic, plastic and separated area at p0 over the hardness."""
         areas = persson.areas(y, load, 1.0)
         return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
     def relative_error(value: float, reference: float) -> float:
+        """Return the relative error; a reference below 1e-280 counts as this number."""
         return abs(value - reference) / max(abs(reference), 1e-280)
 
     exact = package(x)

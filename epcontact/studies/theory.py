@@ -107,6 +107,7 @@ def gamma(
     """
 
     def row(seed: int, law: str) -> Rows:
+        """Return rows of the areas of one surface by boundary elements."""
         scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return paper.area_rows(paper.solve_bem(scene))
 
@@ -192,6 +193,7 @@ def magnification(
     densities = []
 
     def row(seed: int, magnification: float) -> Rows:
+        """Return rows of the areas of one surface filtered at a magnification."""
         scene = rough_scene(points, seed, bandwidth)
         surface = filtered(scene.surface, magnification * paper.LOWEST)
         result = paper.solve_bem(replace(scene, surface=surface))
@@ -294,6 +296,7 @@ def pressures(
     densities = []
 
     def row(seed: int, points_per_wavelength: int) -> Rows:
+        """Return rows of the values at the ends of P(sigma) on one grid."""
         scene = rough_scene(points_per_wavelength, seed, bandwidth)
         result = bem.solve(scene, area_tolerance=1e-6)
         density = paper.binned(result.distribution, HARDNESS, _RELATIVE)
