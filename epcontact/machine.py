@@ -167,6 +167,7 @@ class _Kernels:
                 self._wait(alone=True)
 
     def _begin(self) -> None:
+        """Note the beginning of a compilation."""
         self.depth += 1
         if self.depth > 1:
             return
@@ -181,6 +182,7 @@ class _Kernels:
             raise
 
     def _end(self) -> None:
+        """Note the end of a compilation and count its time."""
         self.depth -= 1
         if not self.depth:
             gc.set_threshold(*self._thresholds)

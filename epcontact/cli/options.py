@@ -95,8 +95,11 @@ def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., No
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        """Add the options to a command and hand them to it as a `Run`."""
+
         @functools.wraps(command)
         def call(**arguments: Any) -> None:
+            """Call the command with a `Run` made of its options."""
             run = Run(**{name: arguments.pop(name) for name in names})
             command(run=run, **arguments)
 
@@ -164,6 +167,7 @@ def show_progress(
         solves = 0
 
         def report(done: float, total: int, words: str) -> None:
+            """Show the number of solves done, of all, and the words on the last one."""
             nonlocal solves
             is_reused = words.endswith("(reused)")
             if words and not is_reused:

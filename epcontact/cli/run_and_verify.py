@@ -269,6 +269,7 @@ def _write_report(verdict: Verdict, output: Path) -> None:
     judged_cases = {judged.id: judged for judged in verdict.cases}
 
     def draw_case(case_id: str, *_: object) -> Pictures:
+        """Draw the pictures of a judged case; a skipped one has none."""
         judged = judged_cases[case_id]
         if judged.skipped_because:
             return Pictures(())

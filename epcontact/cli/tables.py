@@ -157,6 +157,7 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     in_percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
 
     def show(x: float, digits: int = 2) -> str:
+        """Return a number in per cent or with an exponent, and with its sign."""
         return f"{100 * x:+.{digits}f} %" if in_percent else f"{x:+.{digits}e}"
 
     difference = show(gate.difference.mean)

@@ -140,6 +140,7 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
 
     @cache
     def area_at(ratio: float) -> float:
+        """Return the raw area under a cap of this ratio times the yield stress."""
         answer = capped_body(scene, ratio * material.yield_stress, compliance)
         return answer.final.areas["raw"].total
 
@@ -236,6 +237,7 @@ def elements_area(solved: SolvedScene) -> float:
 
 
 def _require_j2(solved: SolvedScene) -> None:
+    """Raise InvalidCase unless the result is that of a body with J2 flow."""
     if not solved.flows:
         law = solved.result.provenance.options.get("law")
         raise InvalidCase(

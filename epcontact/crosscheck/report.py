@@ -92,6 +92,7 @@ def measured_hardness(
     """
 
     def flowed(body: Scene, **options: Any) -> ContactResult:
+        """Return the result of a scene by J2 finite elements."""
         return fem_check.solve(body, law="j2", certified=False, **options)
 
     j2 = j2 or flowed(scene, **options)

@@ -84,6 +84,7 @@ def _errors_of(path: Path, problem: str = "", remedy: str = "") -> Iterator[None
 
 
 def _read_npy(path: Path) -> HeightMap:
+    """Return the map of a .npy file; raise InvalidScene if it is damaged."""
     with _errors_of(path, "is no complete .npy file of numbers"):
         heights = np.lib.format.open_memmap(path, mode="r")
     return HeightMap(heights.T, notes=(AS_PICTURE,) if heights.ndim == 2 else ())

@@ -124,11 +124,13 @@ class SelfAffine(Generated):
                 )
 
     def _heights(self) -> FloatArray:
+        """Return the heights in m."""
         if len(self.shape) == 1:
             return _line_heights(self)
         return grid_heights(self)
 
     def _about(self) -> dict[str, Any]:
+        """Return spectrum, seed and shortest wavelength for the surface."""
         shortest = 2 * math.pi / self.spectrum.wavenumber_high
         return {
             "spectrum": self.spectrum,

@@ -91,6 +91,7 @@ class Sinusoid(Generated):
         return {"x": (0,), "y": (1,), "both": (0, 1)}[self.direction]
 
     def _heights(self) -> FloatArray:
+        """Return the heights of the waves in m."""
         waves = [np.ones(n) for n in self.shape]
         for axis in self._axes:
             n = self.shape[axis]
@@ -100,6 +101,7 @@ class Sinusoid(Generated):
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _about(self) -> dict[str, Any]:
+        """Return the shortest wavelength in m for the surface."""
         shortest_period = min(self.periods[axis] for axis in self._axes)
         return {"shortest_wavelength": shortest_period / self.waves}
 
@@ -146,6 +148,7 @@ class Paraboloid(_Round):
     kind: Literal["paraboloid"] = field(default="paraboloid", kw_only=True)
 
     def _heights(self) -> FloatArray:
+        """Return the heights of the parabola in m."""
         return squared_distance(self) * (-0.5 / self.radius)
 
 
@@ -166,6 +169,7 @@ class Sphere(_Round):
     kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
     def _heights(self) -> FloatArray:
+        """Return the heights of the sphere in m."""
         # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at
         # the summit.
         within = np.minimum(squared_distance(self), self.radius**2)
@@ -195,6 +199,7 @@ class FlatPunch(_Centred):
     kind: Literal["flat_punch"] = field(default="flat_punch", kw_only=True)
 
     def _heights(self) -> FloatArray:
+        """Return the heights of the punch in m: 0, and -depth outside."""
         outside = squared_distance(self) > self.radius**2 * (1 + _ON_THE_RIM)
         return np.where(outside, -self.depth, 0.0)
 
