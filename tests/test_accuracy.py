@@ -5,7 +5,6 @@ package's.
 import numpy as np
 import pandas as pd
 import pytest
-from as_read import lines_of_chart, lines_of_file, same_as_read
 from command_line import invoke
 
 from epcontact.cli.compare_and_accuracy import _ledger_row as row_of_table
@@ -89,10 +88,8 @@ def test_a_user_s_sweeps_give_the_user_s_ledger(folders, tmp_path):
     file = tmp_path / "ledger.csv"
     done = invoke("accuracy", *folders, "--csv", file, "--charts", tmp_path / "charts")
     assert (done.returncode, "theory – BEM" in done.stdout) == (0, True)
-    lines = (
-        line for line in lines_of_file(file) if "time" not in line and "fft" not in line
-    )
-    same_as_read(lines, "ledger.txt", tmp_path)
+    written = pd.read_csv(file)
+    pd.testing.assert_frame_equal(written, ledger(rows), check_dtype=False)
     assert len([*tmp_path.glob("charts/*.png")]) == 3
 
 
@@ -141,39 +138,51 @@ def test_the_ledger_of_the_package_rests_on_its_tables():
         assert (errors["A"] < 0.25 * raw).all()
 
 
-def test_the_charts_of_the_ledger_are_as_read(tmp_path):
+def test_charts_of_the_ledger_have_median_times_and_rms_errors():
     """Of made-up rows, no two alike, with three scenes of each answer."""
-    limit, known = "BEM – continuum", []
-    place = [
-        (limit, 4, "A"),
-        (limit, 8, "A"),
-        ("FE – continuum", 6, "A"),
-        (limit, 8, "A raw"),
-        ("theory – BEM", 4, "A"),
-        ("FE – BEM", 4, "A"),
-        (limit, 4, "A_pl"),
+    limit = "BEM – continuum"
+    # Pair, points a wave, quantity, and the name of its series.
+    answers = [
+        (limit, 4, "A", "bem, corrected"),
+        (limit, 8, "A", "bem, corrected"),
+        ("FE – continuum", 6, "A", "fem, corrected"),
+        (limit, 8, "A raw", "bem, raw"),
+        ("theory – BEM", 4, "A", "persson"),
+        ("FE – BEM", 4, "A", ""),
+        (limit, 4, "A_pl", ""),
     ]
-    for k, (pair, points, quantity) in enumerate(place, 1):
-        exact, pairs = (
-            0.11 + 0.013 * k * np.arange(3),
-            (31.0 + k * np.arange(3)) * (pair[0] != "F"),
-        )
-        off, time = (
-            0.01 * k - 0.07 * np.arange(3) ** 2,
-            1.7**k + np.array([0.0, 3.0, 1.0]),
-        )
-        rows = {
-            "reference": exact,
-            "value": exact * (1 + off),
-            "time": time,
-            "fft_pairs": pairs,
-        }
-        known.append(
-            pd.DataFrame(rows).assign(pair=pair, points=points, quantity=quantity)
-        )
-    charts = enumerate(STUDIES["accuracy"].run(known=pd.concat(known)))
-    lines = (line for n, chart in charts for line in lines_of_chart(f"{n}", chart))
-    same_as_read(lines, "ledger-charts.txt", tmp_path)
+    scene = np.arange(3)
+    tables = []
+    times = []
+    works = []
+    for number, (pair, points, quantity, series) in enumerate(answers, 1):
+        exact = 0.11 + 0.013 * number * scene
+        error = 0.01 * number - 0.07 * scene**2
+        time = 1.7**number + np.array([0.0, 3.0, 1.0])
+        pairs = 0.0 * scene
+        if not pair.startswith("F"):
+            pairs = 31.0 + number * scene
+        rows = {"reference": exact, "value": exact * (1 + error), "time": time}
+        table = pd.DataFrame(rows | {"fft_pairs": pairs})
+        tables.append(table.assign(pair=pair, points=points, quantity=quantity))
+        rms = np.sqrt(np.mean(error**2))
+        if series:
+            times.append((series, np.median(time), rms))
+        if series and not pair.startswith("F"):
+            # Transforms of finer grids cost as their numbers of points.
+            works.append((series, np.median(pairs) * (points / 4) ** 2, rms))
+    time_chart, work_chart, ratio_chart = STUDIES["accuracy"].run(
+        known=pd.concat(tables)
+    )
+    for chart, expected in ((time_chart, times), (work_chart, works)):
+        found = pd.DataFrame([row[:3] for row in chart.rows])
+        assert [*found[0]] == [name for name, *_ in expected]
+        numbers = [row[1:] for row in expected]
+        assert found[[1, 2]].to_numpy() == pytest.approx(np.array(numbers), rel=1e-9)
+    ratios = pd.DataFrame([row[:3] for row in ratio_chart.rows]).set_index(0)
+    first = ratios.loc[limit].to_numpy()
+    assert first[:, 0] == pytest.approx(tables[0]["reference"])
+    assert first[:, 1] == pytest.approx(tables[0]["value"] / tables[0]["reference"])
 
 
 def test_a_folder_without_two_answers_is_one_sentence(tmp_path):

@@ -28,7 +28,10 @@ SLOW_TESTS = (
     "a_view_shows_the_fields",
     "a_field_file_is_that_of_the_last_load",
     "a_chart_shows_the_fields_and_the_figures",
-    "as_it_was_read",
+    "a_map_shows_state_and_pressure_and_their_fractions",
+    "curves_show_the_pressures_the_residuals_and_the_spectrum",
+    "a_film_of_a_block_shows_its_stresses_in_one_scale",
+    "a_collection_stands_for_its_last_load",
     *(f"test_screens.py::test_{command}" for command in SCREENS),
 )
 #: Beginnings of cases that take seconds, even with one surface.

@@ -12,14 +12,13 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from dataclasses import replace
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import pyvista as pv
-from as_read import lasting, lines_of_chart, lines_of_file, lines_of_page, same_as_read
 from command_line import invoke
 from conftest import SMALL_CASE
 
@@ -27,6 +26,7 @@ from epcontact.bem import driver
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
+from epcontact.harness.solving.scene_description import describe_scene
 from epcontact.harness.verdict.evidence import KINDS as REFERENCES
 from epcontact.harness.verdict.evidence import SUBJECTS
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
@@ -36,7 +36,7 @@ from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.style import STATE_NAMES
 from epcontact.output.report import write_report
-from epcontact.output.view import load_steps
+from epcontact.output.view import find_result, load_steps
 from epcontact.output.vtk import read_fields
 from epcontact.results import (
     APART,
@@ -47,8 +47,10 @@ from epcontact.results import (
     LoadStep,
     Provenance,
 )
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
+from epcontact.surfaces import SelfAffine
 
-PARTS, KINDS = ("total", "elastic", "plastic"), ("raw", "corrected", "error")
+KINDS = ("raw", "corrected", "error")
 #: What makes the small case one of an oblong rubber block that is unloaded, for two
 #: methods.
 CHANGES = {
@@ -56,7 +58,8 @@ CHANGES = {
     '"persson", "bem"': '"bem", "fem"',
     "[3, 5, 7]": "[5]",
     "period = 1.0e-3": "period = [1.0e-3, 1.25e-3]\nshape = [16, 24]",
-    "wavenumber_high = 5.026548245743669e4\nrms_slope = 0.1": "wavenumber_high = 2.0e4\nrms_slope = 0.02",
+    "wavenumber_high = 5.026548245743669e4": "wavenumber_high = 2.0e4",
+    "rms_slope = 0.1": "rms_slope = 0.02",
     "points_per_shortest_wavelength = { fast = 4, full = 8 }\n": "",
     "young_modulus = 100.0e9": "young_modulus = 2.1e6",
     "hardness = 6.0e9": "hardness = 15.0e3",
@@ -66,424 +69,460 @@ CHANGES = {
     "area.total.corrected": "area.total.raw",
     'of = "bem"\nagainst = "persson"': 'of = "fem"\nagainst = "bem"',
 }
-MODULUS, CAP = 2.1e6 / (1 - 0.4**2), 15.0e3
-SWEEP = """
-[sweep]
-load.mean_pressure = [2.0e3, 4.0e3]
-quantities = ["quantity.total_patches_largest"]
-"""
+#: Effective modulus and hardness of the block in Pa.
+MODULUS = 2.1e6 / (1 - 0.4**2)
+HARDNESS = 15.0e3
+
+
+@dataclass
+class Run:
+    """The folder of the commands, what each printed and drew, and the charts."""
+
+    home: Path
+    charts: dict[str, Chart]
+    texts: dict[str, str]
+    #: For each command the calls of each of its windows: name, arguments and options.
+    windows: dict[str, list[list[tuple[str, tuple, dict]]]]
+
+    @property
+    def folder(self):
+        return self.home / "shown" / "fast"
+
+    @property
+    def surface(self):
+        case = load_case(self.home / "shown.toml")
+        return case.scene(case.recipes[0]).surface
+
+    def last_load(self, method):
+        """Return the fields and the result of a method."""
+        (member,) = json.loads((self.folder / f"{method}.json").read_text())["members"]
+        fields = read_fields(self.folder / f"{method}-seed5.vti")
+        return fields, ContactResult.from_json(member)
+
+    def texts_drawn(self, command):
+        """Return the titles and the legend's labels of the window of a command."""
+        (calls,) = self.windows[command]
+        titles = [arguments[0] for name, arguments, _ in calls if name == "add_text"]
+        legends = [arguments[0] for name, arguments, _ in calls if name == "add_legend"]
+        return titles, [label for legend in legends for label, _ in legend]
 
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory):
-    """Where commands leave the scene, what they said, the charts, and the calls of each
-    view.
-    """
-    home, charts, views = tmp_path_factory.mktemp("shown"), {}, []
+    home = tmp_path_factory.mktemp("shown")
+    case = home / "shown.toml"
     text = SMALL_CASE
     for old, new in CHANGES.items():
         assert old in text, old
         text = text.replace(old, new)
-    (home / "shown.toml").write_text(text)
-    (home / "swept.toml").write_text(text.replace('"shown"', '"swept"') + SWEEP)
-    save, plotter = Chart.save, drawing._plotter
+    case.write_text(text)
+    run = Run(home, {}, {}, {})
+    save = Chart.save
+    new_plotter = drawing._plotter
 
-    def watched(size):
-        made, calls = plotter(size), []
-        views.append(calls)
+    def save_and_note(chart, path):
+        run.charts[path.name] = chart
+        return save(chart, path)
+
+    def noting_plotter(size):
+        plotter = new_plotter(size)
+        calls = []
+        windows.append(calls)
         for name in ("add_mesh", "add_text", "add_legend", "show_bounds"):
-            draw = getattr(made, name)
-            setattr(made, name, recording(calls, name, draw))
-        return made
+            method = getattr(plotter, name)
+            setattr(plotter, name, note_calls(calls, name, method))
+        return plotter
 
+    steps = run.folder / "bem-seed5-steps"
+    solve = ("--precision", "double", "--jobs", 1, "--output", home)
+    picture = ("--screenshot", home / "x.png")
+    difference = ("--against", run.folder / "fem-seed5.vti")
+    commands = {
+        "verify": ("verify", case, "--fields", "steps", "--report", "--gates", *solve),
+        "run": ("run", case, "--fields", "film", *solve),
+        "report": ("report", home),
+        "view": ("view", steps / "step-0001.vti", *picture),
+        "map": ("view", steps / "path.pvd", "--map", home / "map"),
+        "difference": ("view", run.folder / "bem.json", *difference, *picture),
+    }
     with pytest.MonkeyPatch.context() as patch:
-        named = lambda at: "swept " * ("swept" in at.parts) + at.name  # noqa: E731
-        patch.setattr(
-            Chart, "save", lambda c, at: (charts.update({named(at): c}), save(c, at))[1]
-        )
-        patch.setattr(drawing, "_plotter", watched)
-        out, folder = ("--jobs", 1, "--output", home), home / "shown" / "fast"
-        steps = folder / "bem-seed5-steps"
-        precise = ("--fields", "steps", "--precision", "double")
-        commands = (
-            ("verify", home / "shown.toml", *precise, "--report", "--gates", *out),
-            ("run", home / "shown.toml", "--fields", "film", *precise[2:], *out),
-            ("sweep", home / "swept.toml", *out, "--fields", "first", "--charts"),
-            ("report", home),
-            ("view", steps / "step-0001.vti", "--screenshot", home / "x.png"),
-            ("view", steps / "path.pvd", "--map", home / "against"),
-            (
-                "view",
-                folder / "bem.json",
-                "--against",
-                folder / "fem-seed5.vti",
-                "--screenshot",
-                home / "x.png",
-            ),
-        )
-        said = [(name, invoke(name, *rest)) for name, *rest in commands]
-    assert [done.returncode for _, done in said][:4] == [0, 0, 0, 0], said
-    return SimpleNamespace(
-        folder=folder, home=home, charts=charts, views=views, said=said
-    )
+        patch.setattr(Chart, "save", save_and_note)
+        patch.setattr(drawing, "_plotter", noting_plotter)
+        for name, command in commands.items():
+            windows = run.windows[name] = []
+            done = invoke(*command)
+            assert done.returncode == 0 or name in ("view", "difference"), done
+            run.texts[name] = done.stdout
+    return run
 
 
-def recording(calls, name, draw):
-    """Return `draw` as a function that notes its name and arguments in `calls`."""
+def note_calls(calls, name, method):
+    """Return the method as a function that also notes its calls in a list."""
 
-    def record(*arguments, **options):
+    def noting(*arguments, **options):
         calls.append((name, arguments, options))
-        return draw(*arguments, **options)
+        return method(*arguments, **options)
 
-    return record
-
-
-def shown(ran, method):
-    (member,) = json.loads((ran.folder / f"{method}.json").read_text())["members"]
-    return read_fields(ran.folder / f"{method}-seed5.vti"), ContactResult.from_json(
-        member
-    )
+    return noting
 
 
-#: What `pressed` computes again.
-FIGURES = {
-    "area.total.raw",
-    "area.plastic.raw",
-    "area.elastic.raw",
-    "mean_pressure",
-    "cost.unknowns",
-    "quantity.mean_gap",
-    "quantity.mean_separation",
-    "quantity.mean_plastic_displacement",
-    "quantity.plastic_work",
-    "quantity.elastic_energy",
-    "quantity.largest_pressure",
-    "quantity.hardness",
-    "quantity.flowed_share",
-}
+def quantities_of_pressures(heights, spacing, pressures):
+    """Compute the quantities of each load by numpy alone.
 
-
-def pressed(ran, heights, steps):
-    """The figures of each load by numpy alone, from its pressures and the surface."""
-    waves = (
-        2 * np.pi * np.fft.fftfreq(n, d) for n, d in zip(*steps[0][:2], strict=True)
-    )
-    q = np.hypot(*np.ix_(*waves))
-    q[0, 0], found, sunk, flowed = np.inf, [], np.zeros_like(heights), False
-    for _, _, pressure in steps:
-        moved = np.fft.ifft2(2 / (MODULUS * q) * np.fft.fft2(pressure)).real
-        touching, flowing = pressure > 0, pressure >= CAP * (1 - 1e-12)
-        flowed = flowed | flowing
-        gap = moved - heights + sunk
-        gap -= gap[touching & ~flowing].mean()
-        sunk = sunk + np.where(flowing, np.maximum(-gap, 0), 0)
-        gap = moved - heights + sunk
-        gap -= gap[touching].mean()
-        found.append(
+    Returns them by name for each load, and the gap and the displacement in m of the
+    last one.
+    """
+    wave_x, wave_y = (np.fft.fftfreq(heights.shape[k], spacing[k]) for k in (0, 1))
+    q = 2 * np.pi * np.hypot(wave_x[:, None], wave_y)
+    q[0, 0] = np.inf
+    flow = np.zeros_like(heights)
+    has_flowed = np.zeros(heights.shape, dtype=bool)
+    quantities = []
+    for pressure in pressures:
+        displacement = np.fft.ifft2(2 / (MODULUS * q) * np.fft.fft2(pressure)).real
+        touches = pressure > 0
+        flows = pressure >= HARDNESS * (1 - 1e-12)
+        has_flowed |= flows
+        gap = displacement - heights + flow
+        gap -= gap[touches & ~flows].mean()
+        flow = flow + np.where(flows, np.maximum(-gap, 0), 0)
+        gap = displacement - heights + flow
+        gap -= gap[touches].mean()
+        quantities.append(
             {
-                "area.total.raw": touching.mean(),
-                "area.plastic.raw": flowing.mean(),
-                "area.elastic.raw": (touching & ~flowing).mean(),
+                "area.total.raw": touches.mean(),
+                "area.plastic.raw": flows.mean(),
+                "area.elastic.raw": (touches & ~flows).mean(),
                 "mean_pressure": pressure.mean(),
                 "quantity.mean_gap": np.maximum(gap, 0).mean(),
-                "quantity.mean_separation": (gap - sunk).mean(),
-                "quantity.mean_plastic_displacement": sunk.mean(),
-                "quantity.plastic_work": CAP * sunk.mean(),
-                "quantity.elastic_energy": (pressure * moved).mean() / 2,
+                "quantity.mean_separation": (gap - flow).mean(),
+                "quantity.mean_plastic_displacement": flow.mean(),
+                "quantity.plastic_work": HARDNESS * flow.mean(),
+                "quantity.elastic_energy": (pressure * displacement).mean() / 2,
                 "quantity.largest_pressure": pressure.max(),
                 "cost.unknowns": pressure.size,
-                "quantity.hardness": CAP,
-                "quantity.flowed_share": flowed.mean(),
+                "quantity.hardness": HARDNESS,
+                "quantity.flowed_share": has_flowed.mean(),
             }
         )
-    return found, gap - sunk, moved
-
-
-def test_the_scene_is_shown_as_it_was_read(ran, tmp_path):
-    """What the commands print, the page, the charts, the views and the files of
-    results.
-    """
-    said = [
-        f"{name}: {line}"
-        for name, done in ran.said
-        for line in done.stdout.replace(str(ran.home), "HOME").splitlines()
-    ]
-    drawn = [line for line in said if line.startswith("view") or " film in " in line]
-    lines = [line for line in said if line not in drawn]
-    _, pictures, cells = page_of(page := ran.home / "report.html")
-    assert pictures == {path.read_text().strip() for path in ran.folder.glob("*.txt")}
-    about = shown(ran, "bem")[1].provenance.about
-    values = {
-        cell["quantity"]: json.loads(cell["value"])
-        for cell, _ in cells
-        if "value" in cell
-    }
-    assert values == {name: entry["value"] for name, entry in about.items()}
-    places = [[*cell.values()] for cell, _ in cells if "field" in cell]
-    (case,) = json.loads((ran.home / "verdict.json").read_text())["cases"]
-    fields = ("status", "value", "reference", "difference", "band")
-    assert places == [
-        [field, "shown", g["quantity"], g["of"], report.number_text(g["against"])]
-        for g in case["gates"]
-        for field in fields
-    ]
-    lines += lines_of_page(tree_of(page))
-    lines += (
-        line
-        for name, chart in ran.charts.items()
-        for line in lines_of_chart(name, chart)
-    )
-    files = (
-        "shown/fast/*m.json",
-        "verdict.json",
-        "swept/fast/sweep.*",
-        "shown/fast/*.vti",
-        "shown/fast/*-steps/step-0001.vti",
-    )
-    lines += (
-        line
-        for names in files
-        for path in sorted(ran.home.glob(names))
-        for line in lines_of_file(path)
-    )
-    same_as_read(lasting(lines), "shown.txt", tmp_path)
-    if len(ran.views) > 8:
-        plain = (str, bool, int, float, list, tuple, dict)
-        calls = [(n, *call) for n, calls in enumerate(ran.views) for call in calls]
-        lines = (
-            f"{n} {name} {key}: {[*each] if isinstance(each, tuple) else each}"
-            for n, name, a, k in calls
-            for key, each in (*enumerate(a), *k.items())
-            if isinstance(each, plain)
-        )
-        same_as_read([*drawn, *lines], "viewed.txt", tmp_path)
-
-
-def loads_of(ran, method):
-    path = ran.folder / f"{method}-seed5-steps" / "path.pvd"
-    files = [read_fields(step) for step in load_steps(path)]
-    return [
-        (file.shape, file.spacing, file.fields["pressure"]) for file in files
-    ], files
+    return quantities, gap - flow, displacement
 
 
 def test_every_figure_of_an_answer_follows_from_the_pressures(ran):
     """At each load of a path that unloads, of the fields, and of the file of the last
     load.
     """
-    (file, answer), (steps, files) = shown(ran, "bem"), loads_of(ran, "bem")
-    case = load_case(ran.home / "shown.toml")
-    heights = case.scene(case.recipes[0]).surface.heights
-    found, gap, moved = pressed(ran, heights, steps)
-    assert [round(each["mean_pressure"], 6) for each in found] == [2e3, 5e3, 3e3]
-    for step, expected, one in zip(answer.steps, found, files, strict=True):
-        told = scalar_quantities(replace(answer, steps=(step,)))
-        assert expected.keys() == FIGURES
+    fields, result = ran.last_load("bem")
+    collection = ran.folder / "bem-seed5-steps" / "path.pvd"
+    files = [read_fields(step) for step in load_steps(collection)]
+    heights = ran.surface.heights
+    pressures = [file.fields["pressure"] for file in files]
+    computed = quantities_of_pressures(heights, fields.spacing, pressures)
+    expected_at_loads, gap, displacement = computed
+    means = [expected["mean_pressure"] for expected in expected_at_loads]
+    assert means == pytest.approx([2e3, 5e3, 3e3], rel=1e-9)
+    slopes = [np.diff(heights, axis=k) / fields.spacing[k] for k in (0, 1)]
+    slope = math.sqrt(sum(np.square(one).mean() for one in slopes))
+    for step, expected, file in zip(
+        result.steps, expected_at_loads, files, strict=True
+    ):
+        found = scalar_quantities(replace(result, steps=(step,)))
         for name, value in expected.items():
-            assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
-        raw, limit, claim = (step.areas[kind].total for kind in KINDS)
-        steep = [
-            np.square(np.diff(heights, axis=k) / file.spacing[k]).mean() for k in (0, 1)
-        ]
-        off = driver._GAP_ERROR * np.sqrt(sum(steep))
-        off *= (abs(raw - limit) + claim) / raw * max(file.spacing)
-        assert told["quantity.mean_gap_error_by_grid"] == pytest.approx(off, rel=1e-6)
+            assert found[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
+        raw, limit, error = (step.areas[kind].total for kind in KINDS)
+        of_rim = (abs(raw - limit) + error) / raw
+        gap_error = driver._GAP_ERROR * slope * of_rim * max(fields.spacing)
+        by_grid = found["quantity.mean_gap_error_by_grid"]
+        assert by_grid == pytest.approx(gap_error, rel=1e-6)
         for name in ("area.total.raw", "mean_pressure", "quantity.mean_gap"):
-            assert one.attributes[name] == told[name]
-    assert file.fields["heights"] == pytest.approx(heights, abs=1e-18)
-    assert file.fields["gap"] == pytest.approx(gap, abs=1e-7 * np.ptp(heights))
-    assert file.fields["displacement"] == pytest.approx(
-        moved, abs=1e-7 * np.ptp(heights)
-    )
-    pvd = ET.parse(ran.folder / "bem-seed5-steps" / "path.pvd").iter("DataSet")
-    rows = [(e.get("timestep"), e.get("name"), e.get("file")) for e in pvd]
+            assert file.attributes[name] == found[name]
+    rounding = 1e-7 * np.ptp(heights)
+    assert fields.fields["heights"] == pytest.approx(heights, abs=1e-18)
+    assert fields.fields["gap"] == pytest.approx(gap, abs=rounding)
+    assert fields.fields["displacement"] == pytest.approx(displacement, abs=rounding)
+    rows = []
+    for row in ET.parse(collection).iter("DataSet"):
+        rows.append((row.get("timestep"), row.get("name"), row.get("file")))
     assert rows == [
-        (f"{k}", f"mean pressure {p!r} Pa", f"step-000{k}.vti")
-        for k, p in enumerate((2000.0, 5000.0, 3000.0))
+        ("0", "mean pressure 2000.0 Pa", "step-0000.vti"),
+        ("1", "mean pressure 5000.0 Pa", "step-0001.vti"),
+        ("2", "mean pressure 3000.0 Pa", "step-0002.vti"),
     ]
 
 
 @pytest.mark.parametrize("method", ["bem", "fem"])
 def test_a_field_file_is_that_of_the_last_load(ran, method):
-    file, answer = shown(ran, method)
-    case = load_case(ran.home / "shown.toml")
-    first, *_, last = answer.steps
+    file, result = ran.last_load(method)
+    first, *_, last = result.steps
     assert first.areas["raw"] != last.areas["raw"]
-    assert (file.shape, file.periods) == (
-        (16, 24),
-        pytest.approx((1.0e-3, 1.25e-3), rel=1e-14),
-    )
-    assert np.array_equal(
-        file.fields["heights"], case.scene(case.recipes[0]).surface.heights
-    )
-    pressure, state = file.fields["pressure"], file.fields["state"]
+    assert file.shape == (16, 24)
+    assert file.periods == pytest.approx((1.0e-3, 1.25e-3), rel=1e-14)
+    assert np.array_equal(file.fields["heights"], ran.surface.heights)
+    pressure = file.fields["pressure"]
+    state = file.fields["state"]
     assert pressure.mean() == pytest.approx(3e3, rel=1e-7)
-    assert pressure.max() <= CAP * (1 + 1e-12)
+    assert pressure.max() <= HARDNESS * (1 + 1e-12)
     assert np.array_equal(state != APART, pressure > 0)
-    figures = {f"quantity.{name}": value for name, value in last.quantities.items()}
-    assert (figures | {"mean_pressure": 3e3}).items() <= file.attributes.items()
-    shares, raw = (
-        [np.mean(state == kind) for kind in (ELASTIC, PLASTIC)],
-        last.areas["raw"],
-    )
-    assert shares == pytest.approx([raw.elastic, raw.plastic], abs=1e-12)
+    attributes = {f"quantity.{name}": value for name, value in last.quantities.items()}
+    attributes["mean_pressure"] = 3e3
+    assert attributes.items() <= file.attributes.items()
+    raw = last.areas["raw"]
+    fractions = [np.mean(state == kind) for kind in (ELASTIC, PLASTIC)]
+    assert fractions == pytest.approx([raw.elastic, raw.plastic], abs=1e-12)
+
+
+def test_a_collection_stands_for_its_last_load(ran):
+    collection = ran.folder / "bem-seed5-steps" / "path.pvd"
+    assert find_result(collection) == load_steps(collection)[2]
+    assert ran.texts["map"] == f"map in {ran.home / 'map'}\n"
+    assert ran.texts["run"].count("film in ") == 2
+
+
+def test_the_page_holds_the_pictures_the_scene_and_every_cell_of_the_gates(ran):
+    _, pictures, cells = page_of(ran.home / "report.html")
+    captions = {path.read_text().strip() for path in ran.folder.glob("*.txt")}
+    assert pictures == captions
+    values = {}
+    places = []
+    for about, _ in cells:
+        if "value" in about:
+            values[about["quantity"]] = json.loads(about["value"])
+        if "field" in about:
+            places.append([*about.values()])
+    described = ran.last_load("bem")[1].provenance.about
+    assert values == {name: entry["value"] for name, entry in described.items()}
+    (case,) = json.loads((ran.home / "verdict.json").read_text())["cases"]
+    expected = []
+    for gate in case["gates"]:
+        against = report.number_text(gate["against"])
+        for field in ("status", "value", "reference", "difference", "band"):
+            expected.append([field, "shown", gate["quantity"], gate["of"], against])
+    assert places == expected
 
 
 def tree_of(path):
+    """Return the parsed page, whose empty elements are closed first."""
     text = path.read_text("utf-8").partition("\n")[2]
     return ET.fromstring(re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>", text))
 
 
 def page_of(path):
-    """The text, pictures and cells with data of a balanced, self-contained page without
-    scripts.
+    """Return the text, the captions of the pictures, and the cells with data of a page.
+
+    The page is balanced, holds all that it shows, and no script.
     """
     page = tree_of(path)
-    ids = [each.get("id") for each in page.iter()]
-    for each in page.iter():
-        references = [
-            each.get(name, "data:") for name in ("src", "href", "srcset", "action")
-        ]
-        assert all(r.startswith("data:") or r[1:] in ids for r in references), (
-            references
-        )
+    ids = {element.get("id") for element in page.iter()}
+    for element in page.iter():
+        for name in ("src", "href", "srcset", "action"):
+            reference = element.get(name, "data:")
+            assert reference.startswith("data:") or reference[1:] in ids, reference
+    captions = set()
     for picture in page.iter("img"):
         kind, _, content = picture.attrib["src"].partition(";base64,")
         assert base64.b64decode(content, validate=True)
         assert kind in ("data:image/svg+xml", "data:image/png", "data:image/gif")
+        captions.add(picture.get("alt"))
     assert not [*page.iter("script")]
-    data = [
-        ({k[5:]: v for k, v in c.items() if k[:5] == "data-"}, c)
-        for c in page.iter("td")
-    ]
-    cells = [(about, "".join(cell.itertext())) for about, cell in data if about]
-    return (
-        "".join(page.itertext()),
-        {image.get("alt") for image in page.iter("img")},
-        cells,
+    cells = []
+    for cell in page.iter("td"):
+        data = {name[5:]: v for name, v in cell.items() if name.startswith("data-")}
+        if data:
+            cells.append((data, "".join(cell.itertext())))
+    return "".join(page.itertext()), captions, cells
+
+
+def check_images(chart, *expected):
+    """Compare the images of a chart with fields in mm, each with its limits of colour.
+
+    Args:
+        chart: the chart.
+        expected: for each image its title, field (nx, ny) and the limits.
+    """
+    panels = [axes for axes in chart.figure.axes if axes.images]
+    for axes, (title, field, *limits) in zip(panels, expected, strict=True):
+        (image,) = axes.images
+        drawn = np.ma.filled(image.get_array(), 0.0)
+        # The period is drawn whole: the first points stand at both of its ends.
+        wrapped = np.pad(field, (0, 1), mode="wrap")
+        assert drawn == pytest.approx(wrapped.T, rel=1e-6, abs=1e-9)
+        assert axes.axis() == pytest.approx((0, 1, 0, 1.25))
+        assert axes.get_title() == title
+        assert axes.get_xlabel() == "x (mm)"
+        assert axes.get_ylabel() in ("y (mm)", "")
+        assert panels[0].get_ylabel() == "y (mm)"
+        assert image.origin == "lower"
+        assert image.get_clim() == pytest.approx(limits, rel=1e-6)
+        half_cells = (1 / 16 / 2, 1.25 / 24 / 2)
+        ends = (-half_cells[0], 1 + half_cells[0], -half_cells[1], 1.25 + half_cells[1])
+        assert image.get_extent() == pytest.approx(ends, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["bem", "fem"])
+def test_a_map_shows_state_and_pressure_and_their_fractions(ran, method):
+    fields = ran.last_load(method)[0].fields
+    chart = ran.charts[f"contact-{method}"]
+    state_title = "contact state (shares of grid points)"
+    check_images(
+        chart,
+        (state_title, fields["state"], 0, 2),
+        ("contact pressure", 1e-3 * fields["pressure"], 0, 15),
     )
+    fractions = {}
+    labels = []
+    for kind, name in STATE_NAMES.items():
+        fractions[name] = np.mean(fields["state"] == kind)
+        labels.append(f"{name} {100 * fractions[name]:.2f} %")
+    assert dict(chart.rows) == pytest.approx(fractions | {"mean_pressure_Pa": 3e3})
+    (legend,) = chart.figure.legends
+    assert sorted(text.get_text() for text in legend.texts) == sorted(labels)
 
 
 def test_a_chart_shows_the_fields_and_the_figures(ran):
-    """Arrays, limits, extents and rows, in kPa and mm."""
-    (bem, answer), (fem, other) = shown(ran, "bem"), shown(ran, "fem")
-    extent = [
-        -0.5 / 16,
-        16.5 / 16,
-        -0.625 / 24,
-        24.5 / 24 * 1.25,
-    ]  # of which a period is shown
-    p, q = (1e-3 * file.fields["pressure"] for file in (bem, fem))
-    low = max(p.max(), q.max())
-    for name, images in {
-        "contact-bem": [(bem.fields["state"], 0, 2), (p, 0, 15)],
-        "contact-fem": [(fem.fields["state"], 0, 2), (q, 0, 15)],
-        "pressure-difference-bem-fem": [
-            (p, 0, low),
-            (q, 0, low),
-            (p - q, -abs(p - q).max(), abs(p - q).max()),
-        ],
-    }.items():
-        axes = [each for each in ran.charts[name].figure.axes if each.images]
-        for (field, *limits), each in zip(images, axes, strict=True):
-            (image,) = each.images
-            assert np.ma.filled(image.get_array(), 0.0) == pytest.approx(
-                np.pad(field, (0, 1), mode="wrap").T, rel=1e-6, abs=1e-9
-            )
-            assert each.axis() == pytest.approx((0, 1, 0, 1.25))
-            assert (image.origin, [*image.get_clim()]) == (
-                "lower",
-                pytest.approx(limits, rel=1e-6),
-            )
-            assert image.get_extent() == pytest.approx(extent, rel=1e-9)
-    rows = dict(ran.charts["pressure-difference-bem-fem"].rows)
-    assert rows == pytest.approx(
+    """The difference of the pressures of both methods, in kPa and mm."""
+    first = 1e-3 * ran.last_load("bem")[0].fields["pressure"]
+    second = 1e-3 * ran.last_load("fem")[0].fields["pressure"]
+    difference = first - second
+    largest = max(first.max(), second.max())
+    bound = abs(difference).max()
+    chart = ran.charts["pressure-difference-bem-fem"]
+    check_images(
+        chart,
+        ("bem", first, 0, largest),
+        ("fem", second, 0, largest),
+        ("bem minus fem", difference, -bound, bound),
+    )
+    assert dict(chart.rows) == pytest.approx(
         {
-            "largest_pressure_Pa": 1e3 * low,
-            "largest_difference_Pa": 1e3 * abs(p - q).max(),
-            "rms_difference_Pa": 1e3 * np.sqrt(((p - q) ** 2).mean()),
-            "mean_pressure_first_Pa": 1e3 * p.mean(),
-            "mean_pressure_second_Pa": 1e3 * q.mean(),
+            "largest_pressure_Pa": 1e3 * largest,
+            "largest_difference_Pa": 1e3 * bound,
+            "rms_difference_Pa": 1e3 * math.sqrt(np.square(difference).mean()),
+            "mean_pressure_first_Pa": 1e3 * first.mean(),
+            "mean_pressure_second_Pa": 1e3 * second.mean(),
         }
     )
-    for name, file in (("bem", bem), ("fem", fem)):
-        shares = {
-            w: np.mean(file.fields["state"] == kind) for kind, w in STATE_NAMES.items()
-        }
-        rows = dict(ran.charts[f"contact-{name}"].rows)
-        assert rows == pytest.approx(shares | {"mean_pressure_Pa": 3e3})
-    (axes,) = ran.charts["pressure-distribution"].figure.axes
-    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
-    for name, file in {"bem": p, "fem": q}.items():
-        width = np.diff(lines[name][:, 0])[0]
-        ends = lines[name][:, 0, None] + width * np.array([-0.5, 0.5])
-        counted = [np.mean((file > low) & (file <= high)) for low, high in ends]
+
+
+def lines_of(chart):
+    """Return the points of the lines of a chart with one panel, by label."""
+    (axes,) = chart.figure.axes
+    return {line.get_label(): line.get_xydata() for line in axes.lines}
+
+
+def test_curves_show_the_pressures_the_residuals_and_the_spectrum(ran):
+    chart = ran.charts["pressure-distribution"]
+    lines = lines_of(chart)
+    for method in ("bem", "fem"):
+        fields, result = ran.last_load(method)
+        pressure = 1e-3 * fields.fields["pressure"]
+        centres, density = lines[method].T
+        width = centres[1] - centres[0]
+        above = pressure.ravel() > centres[0] - width / 2
+        below = pressure.ravel() <= centres[:, None] + width / 2
+        counted = np.mean(above & below, axis=1)
         # A table between two of its pressures is linear, so that a point may be in the
-        # next one.
-        assert np.cumsum(lines[name][:, 1] * width) == pytest.approx(
-            np.cumsum(counted), abs=0.015
-        )
-    places = sorted(
-        line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2
-    )
-    assert places == [3.0, 15.0]
-    (axes,) = ran.charts["residuals"].figure.axes
-    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
-    for name, one in (("bem", answer), ("fem", other)):
-        positive = [value for value in one.history if value > 0]
-        assert lines[name].tolist() == pytest.approx(positive, rel=1e-12)
-    (axes,) = ran.charts["power-spectrum"].figure.axes
-    power = {line.get_label(): line.get_xydata() for line in axes.lines}["analytic"]
-    flat, falling = power[power[:, 0] < 12566][:, 1], power[power[:, 0] > 12567]
+        # next bin.
+        assert np.cumsum(density * width) == pytest.approx(counted, abs=0.015)
+        positive = [residual for residual in result.history if residual > 0]
+        residuals = lines_of(ran.charts["residuals"])[method][:, 1]
+        assert residuals.tolist() == pytest.approx(positive, rel=1e-12)
+    uprights = [points[0, 0] for points in lines.values() if len(points) == 2]
+    assert sorted(uprights) == [3.0, 15.0]
+    (axes,) = chart.figure.axes
+    assert axes.get_xlabel() == r"contact pressure $\sigma$ (kPa)"
+    assert axes.get_ylabel() == r"density $P(\sigma)$ (1/kPa)"
+    q, power = lines_of(ran.charts["power-spectrum"])["analytic"].T
+    flat = power[q < 12566]
     assert flat == pytest.approx(flat[0], rel=1e-12)
-    slope = np.polyfit(*np.log(falling).T, 1)[0]
-    assert slope == pytest.approx(-2 * (1 + 0.8), rel=1e-9)
-    assert falling[-1, 0] == pytest.approx(2.0e4)
-    about = answer.provenance.about
-    assert bem.fields["heights"].std() == pytest.approx(
-        about["rms_height"]["value"], rel=1e-6
-    )
+    falls = q > 12567
+    exponent = np.polyfit(np.log(q[falls]), np.log(power[falls]), 1)[0]
+    assert exponent == pytest.approx(-2 * (1 + 0.8), rel=1e-9)
+    assert q[-1] == pytest.approx(2.0e4)
 
 
 def test_a_view_shows_the_fields(ran):
-    """What VTK is asked to draw: pressures and shares of the surface, stresses of the
-    body.
-    """
-    if len(ran.views) < 9:
+    """Pressures in kPa and heights on the surface in mm, at the load of most flow."""
+    if not ran.windows["view"]:
         pytest.skip("nothing can be drawn in three dimensions here")
-    file = read_fields(
-        ran.folder / "bem-seed5-steps" / "step-0001.vti"
-    )  # where most flows
-    calls = ran.views[8]
-    meshes = [
-        (a[0], k) for name, a, k in calls if name == "add_mesh" and "scalars" in k
-    ]
-    (state, look), (pressure, other) = meshes
-    assert (look["scalars"], look["clim"], other["clim"]) == (
-        "state",
-        (-0.5, 2.5),
-        (0.0, 15.0),
-    )
+    file = read_fields(ran.folder / "bem-seed5-steps" / "step-0001.vti")
+    (calls,) = ran.windows["view"]
+    meshes = []
+    for name, arguments, options in calls:
+        if name == "add_mesh" and "scalars" in options:
+            meshes.append((arguments[0], options))
+    (state, look), (pressure, pressure_look) = meshes
+    assert look["scalars"] == "state"
+    assert look["clim"] == (-0.5, 2.5)
+    assert pressure_look["clim"] == (0.0, 15.0)
     x, y, z = (np.reshape(c, (17, 25), order="F") for c in state.points.T)
-    assert (x[-1, 0], y[0, -1]) == pytest.approx(
-        (1.0, 1.25), rel=1e-6
-    )  # mm, a whole period
+    assert x[-1, 0] == pytest.approx(1.0, rel=1e-6)
+    assert y[0, -1] == pytest.approx(1.25, rel=1e-6)
     gap = np.pad(np.maximum(file.field("gap"), 0), (0, 1), mode="wrap")
     assert z == pytest.approx(-20e3 * gap, abs=1e-6)
-    p = np.pad(file.field("pressure"), (0, 1), mode="wrap")
     drawn = np.nan_to_num(np.reshape(pressure["pressure"], (17, 25), order="F"))
-    assert drawn == pytest.approx(1e-3 * p, rel=1e-6)
+    expected = 1e-3 * np.pad(file.field("pressure"), (0, 1), mode="wrap")
+    assert drawn == pytest.approx(expected, rel=1e-6)
+    titles, labels = ran.texts_drawn("view")
+    assert titles == [
+        "Contact (shares of grid points): 1 × 1.25 mm, heights × 20",
+        "Contact pressure, mean 5 kPa",
+    ]
+    for kind, label in zip((ELASTIC, PLASTIC), labels, strict=True):
+        percentage = 100 * np.mean(file.field("state") == kind)
+        assert label == f"{STATE_NAMES[kind]} {percentage:.2f} %"
+    for name, _, options in calls:
+        if name == "show_bounds":
+            ends = pytest.approx(options["bounds"], abs=1e-3)
+            assert options["axes_ranges"] == ends
+
+
+def test_a_film_of_a_block_shows_its_stresses_in_one_scale(ran):
+    if not ran.windows["verify"]:
+        pytest.skip("nothing can be drawn in three dimensions here")
     body = next(ran.folder.glob("fem-seed5-steps/*0002.vtu"))
-    mesh, block = pv.read(body), ran.views[0]
-    stress, _ = (k for name, _, k in block if name == "add_mesh")
-    mises = mesh.get_array("von_mises", preference="point")
-    assert stress["clim"] == pytest.approx((0, 1e-3 * mises.max()), rel=1e-6)
-    assert stress["scalars"].max() <= 1e-3 * mises.max() * (1 + 1e-6)
+    mesh = pv.read(body)
+    mises = 1e-3 * mesh.get_array("von_mises", preference="point").max()
+    first_window = ran.windows["verify"][0]
+    looks = [options for name, _, options in first_window if name == "add_mesh"]
+    assert looks[0]["clim"] == pytest.approx((0, mises), rel=1e-6)
+    assert looks[0]["scalars"].max() <= mises * (1 + 1e-6)
     assert mesh.bounds[1] == pytest.approx(1e-3)
     assert mesh.bounds[3] == pytest.approx(1.25e-3)
     top = drawing.read_block(body.with_stem(f"{body.stem}-surface"))
     largest = [np.max(top.point_data[name]) for name in ("contact_pressure", "gap")]
     assert drawing.block_scale(top)[1] == pytest.approx(largest)
+
+
+def test_a_scene_is_described_by_its_numbers_and_units():
+    spectrum = SelfAffineSpectrum(0.7, 7e3, 12e3, 24e3, 0.05)
+    recipe = SelfAffine(spectrum, (1e-3, 1.5e-3), (16, 32), 5)
+    material = Material(100e9, 0.3, hardness=6e9)
+    scene = Scene(recipe.build(), material, Load((2e8, 5e8)))
+    described = describe_scene(scene, recipe, "")
+    pressure_group = 100e9 / (1 - 0.3**2) * 0.05
+    expected = {
+        "points": ([16, 32], "–"),
+        "periods": ([1e-3, 1.5e-3], "m"),
+        "spacing": ([1e-3 / 16, 1.5e-3 / 32], "m"),
+        "resolution": (2 * math.pi / 24e3 / (1e-3 / 16), "–"),
+        "rms_height": (math.sqrt(np.square(scene.surface.heights).mean()), "m"),
+        "rms_slope": (0.05, "–"),
+        "young_modulus": (100e9, "Pa"),
+        "effective_modulus": (100e9 / (1 - 0.3**2), "Pa"),
+        "hardness": (6e9, "Pa"),
+        "load_path": ([2e8, 5e8], "Pa"),
+        "load_group": (5e8 / pressure_group, "–"),
+        "hardness_group": (6e9 / pressure_group, "–"),
+    }
+    for name, (value, unit) in expected.items():
+        assert described[name]["value"] == pytest.approx(value, rel=1e-9), name
+        assert described[name]["unit"] == unit
+    assert described["surface"]["value"] == (
+        "self-affine roughness: Hurst exponent 0.7, flat spectrum from 7000 to 12000 "
+        "rad/m, power law up to 24000 rad/m, rms slope 0.05, seed 5"
+    )
+    assert described["body"]["value"] == "half-space"
+    assert "hardness_source" not in described
 
 
 def test_a_profile_is_that_of_the_fields():
@@ -615,6 +654,9 @@ def test_a_long_path_and_missing_numbers_in_words():
     path = [1e3 * n for n in range(1, 12)]
     assert report.value_text(path[:8], "Pa") == "1, 2, 3, 4, 5, 6, 7, 8 kPa"
     assert report.value_text(path, "Pa") == "1, 2, 3, … 7 more …, 11 kPa"
+    assert report.value_text([1.25e-4, 2e-3], "m") == "0.125 × 2 mm"
+    assert report.value_text([32, 4096], "–") == "32 × 4096"
+    assert report.value_text(math.inf, "Pa") == "none"
     numbers = [
         report.number_text(v) for v in (1.23456, "inf", math.nan, None, "words", 0)
     ]

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
-from as_read import lines_of_chart, same_as_read
 
 from epcontact import bem
 from epcontact.cli.charts import _summary
@@ -102,12 +101,20 @@ def test_files_hold_every_point(coarse, tmp_path):
     assert f"{failed[capped].sum()} of {capped.sum()} failed" in caption
 
 
-def test_the_maps_are_as_they_were_read(coarse, tmp_path):
-    maps = coarse.groupby("map", sort=False)
-    lines = (
-        x for name, one in maps for x in lines_of_chart(name, chart(one, "coarse"))
-    )
-    same_as_read(lines, "stability.txt", tmp_path, counted="")
+@pytest.mark.parametrize("name", MAPS)
+def test_a_map_holds_the_effort_of_each_point(coarse, name):
+    points = coarse[coarse["map"] == name]
+    drawn = chart(points, "coarse")
+    rows = pd.DataFrame(drawn.rows)
+    columns = points[["method", "x", "y", "effort"]]
+    efforts = columns.set_index(["method", "x", "y"])["effort"].sort_index()
+    found = rows.set_index([0, 1, 2])[3].sort_index()
+    assert [*found.index] == [*efforts.index]
+    converged = points.set_index(["method", "x", "y"])["converged"].sort_index()
+    expected = efforts.where(converged)
+    assert found.to_numpy() == pytest.approx(expected.to_numpy(), nan_ok=True)
+    titles = [axes.get_title() for axes in drawn.figure.axes if axes.images]
+    assert titles == [*dict.fromkeys(points["method"])]
 
 
 def test_the_summary_counts_points_and_failures_and_has_the_largest_effort():

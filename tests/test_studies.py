@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from as_read import lines_of_chart, same_as_read
 
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.workers import Worker, WorkerDied
+from epcontact.persson.validity import GAMMA, expected_errors
+from epcontact.reference import conductance as laws
+from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies import (
     STUDIES,
     areas,
@@ -98,34 +100,20 @@ def of_kind(table, kind, column="relative_error"):
 # --------------------------------------------------------------------------------
 
 
-#: Of these the numbers are a clock's, counts of work, or those of an estimate of
-#: errors.
-COUNTED = "areas|bem|speed|fem 4:|fem 5, (iterations|axes|line)"
-#: The ledger's rows are those of the last release; `test_accuracy` draws rows of its
-#: own.
-DRAWN = sorted(STUDIES.keys() - {"peers", "accuracy"})
-
-
-@pytest.mark.parametrize("name", [*DRAWN, "accuracy"])
-def test_a_study_shows_what_was_read_and_found_right(name, tmp_path):
+@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
+def test_a_chart_names_its_study_and_options_and_its_bounds_hold_its_values(name):
     study = STUDIES[name]
     assert 20 < len(study.description) < 100
     assert set(study.full) <= set(inspect.signature(study.function).parameters)
     for number, chart in enumerate(charts_of(name), 1):
         assert study.description in chart.caption
         assert all(option in chart.caption for option in SMALL[name])
-        x, y, low, high = (
-            drawn(name, number).dropna(subset="low").iloc[:, 1:5].to_numpy().T
-        )
-        assert ((low <= y + 1e-12) & (y <= high)).all()  # zero is drawn at 1e-12
+        table = drawn(name, number).dropna(subset="low")
+        x, y, low, high = table.iloc[:, 1:5].to_numpy().T
+        rounding = 1e-12  # zero is drawn at 1e-12, and the fractions are sums
+        assert (low <= y + rounding).all()
+        assert (y <= high + rounding).all()
         assert not x.size or (low < high).any()
-    if name not in ("accuracy", "hysteresis"):
-        charts = enumerate(charts_of(name), 1)
-        lines = (
-            line for n, chart in charts for line in lines_of_chart(f"{name} {n}", chart)
-        )
-        lines = [line for line in lines if "Time in" not in line]
-        same_as_read(lines, f"study-{name}.txt", tmp_path, COUNTED)
 
 
 def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):
@@ -229,6 +217,94 @@ def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_av
     assert means[["x", "share"]].to_numpy() == pytest.approx(
         np.array([[(101 / 3) ** 0.5, 0.35], [37**0.5, 0.6]])
     )
+
+
+# --- materials and joints
+# ---------------------------------------------------------------------------
+
+
+def test_laws_of_conductance_differ_as_their_formulas():
+    """The boundary elements cancel in the ratio of two laws."""
+    table = drawn("conductance", 1)
+    ratios = table.pivot(
+        index=["load", "hardness"],
+        columns="series",
+        values="law_over_boundary_elements",
+    )
+    load, hardness = np.array([*ratios.index]).T
+    mikic = laws.LAWS["Mikic, elastic"](load, hardness)
+    for name, law in laws.LAWS.items():
+        expected = law(load, hardness) / mikic
+        found = ratios[name] / ratios["Mikic, elastic"]
+        assert found.to_numpy() == pytest.approx(expected, rel=1e-9)
+    # The formula that was fitted to boundary elements is near them at every place.
+    assert np.abs(ratios["epcontact"] - 1).max() < 0.15
+    farthest = np.abs(ratios - 1).max()
+    assert farthest.drop("epcontact").min() > 2 * farthest["epcontact"]
+
+
+def test_the_cap_of_equal_area_has_more_of_the_j2_contact_than_three_yield_stresses():
+    hardness = drawn("hardness", 1)["effective_hardness"]
+    assert 1.5 < hardness[0] < hardness[1] < 3
+    of_equal_area = drawn("hardness", 2)["effective_overlap"]
+    of_three = drawn("hardness", 3)["model_overlap"]
+    assert (of_equal_area > of_three).all()
+    assert (drawn("hardness", 4)["model_area"] > 0).all()
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_the_formula_of_the_hardness_is_near_the_places_of_the_map(number):
+    table = drawn("hardness-map", number)
+    is_formula = table["series"].str.endswith(", formula")
+    curves = dict(iter(table[is_formula].groupby("series")))
+    deviations = []
+    for name, places in table[~is_formula].groupby("series"):
+        curve = curves[f"{name.rpartition(' ')[2]}, formula"].sort_values("load")
+        loads = np.log(curve["load"])
+        values = curve["effective_hardness"]
+        expected = np.interp(np.log(places["load"]), loads, values)
+        deviations.extend(places["effective_hardness"] / expected - 1)
+    assert len(deviations) > 30
+    # The caption says that the formula misses 4.1 %, twice the root mean square.
+    assert math.sqrt(np.mean(np.square(deviations))) < 0.041
+
+
+def test_a_load_takes_power_from_short_waves_and_the_theory_takes_all():
+    kept = drawn("residual", 3).set_index("series")["power_kept"]
+    (cap,) = {name for name in kept.index if name.startswith("cap")}
+    (of_theory,) = {name for name in kept.index if name.startswith("theory")}
+    assert kept[cap].between(0.5, 0.9).all()
+    assert kept[of_theory].iloc[0] == pytest.approx(1, abs=1e-6)
+    assert kept[of_theory].iloc[-1] < 1e-4
+    assert np.diff(kept[of_theory]).max() < 0
+
+
+def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():
+    """Of controls whose continuation is known."""
+    errors = {}
+    for number, chart in enumerate(charts_of("treatment"), 1):
+        quantity = chart.caption.partition(":")[2].partition(",")[0].strip()
+        squares = drawn("treatment", number).groupby("series")["error"]
+        errors[quantity] = squares.agg(lambda error: math.sqrt(np.mean(error**2)))
+    conductance = errors["conductance"]
+    assert conductance["mirrored"] < 0.1 < conductance["periodic"]
+    percolation = errors["gap percolation"]
+    assert percolation["periodic"] < 0.1 < percolation["mirrored"]
+
+
+def test_the_errors_of_the_theory_are_those_that_a_result_reports():
+    table = drawn("validity", 1).dropna()
+    lowest = scenes.LOWEST
+    spectrum = SelfAffineSpectrum(0.8, lowest, 4 * lowest, 256 * lowest, 1.0)
+    roughness = persson.analytic_roughness(spectrum)
+    for _, row in table[:: len(table) // 5].iterrows():
+        hardness = row["hardness_over_slope_modulus"] * scenes.MODULUS
+        pressure = row["pressure_over_slope_modulus"] * scenes.MODULUS
+        reduction = persson.EnergyReduction(GAMMA)
+        body = persson.Theory(roughness, scenes.MODULUS, reduction, hardness)
+        error = expected_errors(body, pressure)[row["series"]]
+        found = row[["low", "relative_error", "high"]]
+        assert found.tolist() == pytest.approx([*error], rel=1e-9)
 
 
 # --- theory
