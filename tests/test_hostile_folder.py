@@ -114,6 +114,15 @@ def test_a_picture_cannot_be_a_link_to_a_private_one(results):
     require_refusal(results, "power-spectrum.png: it leads out of the folder")
 
 
+def test_a_view_of_a_result_follows_no_link_to_private_fields(results):
+    folder = results / "small" / "fast"
+    (folder / "bem.vti").symlink_to(results.parent / "private" / "fast" / "holiday.png")
+    done = invoke("view", folder / "bem.json", "--screenshot", results / "x.png")
+    assert done.returncode == 2
+    assert "bem.vti: it leads out of the folder" in done.stderr
+    assert not (results / "x.png").exists()
+
+
 @pytest.mark.parametrize("place", ["small", "small/fast"])
 def test_a_folder_of_results_cannot_be_a_link_to_another(results, place):
     shutil.rmtree(results / "small")
