@@ -12,6 +12,7 @@ from epcontact import (
     InvalidCase,
     Load,
     Material,
+    NotConverged,
     Scene,
     SelfAffineSpectrum,
     Surface,
@@ -23,7 +24,9 @@ from epcontact.interface import (
     find_patches,
     interface_stiffness,
     percolation_fraction,
+    punch,
 )
+from epcontact.interface.punch import solve_punch
 from epcontact.reference.posts import CAPPED_STRIP
 from epcontact.results import APART, ELASTIC
 from epcontact.surfaces import SelfAffine, residual_surface
@@ -206,6 +209,25 @@ def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(touching):
     assert interface_stiffness(scene, found, "loading").raw == pytest.approx(
         1 / sinking, rel=1e-9
     )
+
+
+def test_a_punch_on_the_papers_surface_takes_twenty_transform_pairs():
+    """Every state of a rough contact: its elastic points, and all of its points."""
+    spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 16e5, rms_slope=1.0)
+    surface = SelfAffine(spectrum, (2 * math.pi / 2.5e4,) * 2, (256, 256), 7).build()
+    scene = Scene(surface, Material(250e9, 0.0, hardness=150e9), Load(12.5e9))
+    state = bem.solve(scene, threads=1).fields["state"]
+    for mask in (state == ELASTIC, state != APART):
+        assert solve_punch(scene, mask).pairs <= 21
+
+
+def test_a_punch_whose_displacement_stays_uneven_is_an_error(monkeypatch):
+    mask = ROUGH.heights > 0
+    scene = Scene(ROUGH, Material(1.0, 0.3), Load(0.005))
+    monkeypatch.setattr(punch, "_MOST_CORRECTIONS", 1)
+    sentence = r"after 1 corrections .* is uneven by .* times the tolerance"
+    with pytest.raises(NotConverged, match=sentence):
+        solve_punch(scene, mask)
 
 
 @pytest.mark.parametrize(

@@ -117,8 +117,11 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     compiled_before = compile_seconds()
     forget_peak()
     require_memory(scene.surface, scene.load, scene.material)
-    symbol = _symbol(scene, compliance)
     shape = scene.surface.shape
+    if compliance is None:
+        symbol = scene_symbol(scene)
+    else:
+        symbol = symbol_from_compliance(compliance, shape)
     if start is not None:
         start = start_pressure(start, shape).reshape(symbol.shape)
     flow = None
@@ -140,11 +143,13 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     return path.result(steps, last, cost)
 
 
-def _symbol(scene: Scene, compliance: NDArray[np.floating] | None) -> Symbol:
-    """Return the compliance of the scene's body, or the one given; a line is (1, n)."""
+def scene_symbol(scene: Scene) -> Symbol:
+    """Return the compliance of a scene's body; the grid of a line is (1, n).
+
+    Up to KEPT_POINTS points, scenes of equal compliance share one symbol and with it
+    what solves have cached there.
+    """
     surface = scene.surface
-    if compliance is not None:
-        return symbol_from_compliance(compliance, surface.shape)
     nx, ny = (1, *surface.shape)[-2:]
     period_x, period_y = (1.0, *surface.periods)[-2:]
     quarter = quarter_compliance(

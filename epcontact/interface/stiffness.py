@@ -117,7 +117,7 @@ def sinking_and_rim(
     points.
     """
     mask = carrying(result, branch)
-    sinking, pressure = solve_punch(scene, mask)
+    sinking, pressure, _ = solve_punch(scene, mask)
     # Over the mean pressure, as the punch's are.
     pressed = result.fields.get("pressure", 0 * pressure) / result.final.mean_pressure
     terms, press = [], 0.0

@@ -15,6 +15,7 @@ from scipy.special import erf, erfc, itj0y0
 
 from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
+from epcontact.bem.transforms import Symbol
 from epcontact.errors import SurfaceWarning
 from epcontact.interface import Limit
 from epcontact.materials.moduli import effective_modulus
@@ -233,14 +234,16 @@ def without_shortest_ring(rings):
     return replace(rings, slope_variance=np.where(kept, rings.slope_variance, 0))
 
 
-def without_images(compliance, scene):
+def without_images(symbol, scene):
     """Return the compliance of a force that acts only within half a period.
 
     The transform of 1/r up to R is the integral of J_0 from 0 to q R.
     """
     modulus = effective_modulus(scene.material)
+    compliance = symbol.values
     wavenumber = 1 / modulus / np.where(compliance > 0, compliance, np.inf)
-    return compliance * itj0y0(scene.surface.periods[0] * wavenumber)[0]
+    near = compliance * itj0y0(scene.surface.periods[0] * wavenumber)[0]
+    return Symbol(near, symbol.rows, symbol.shape)
 
 
 def number_patches_without_period(mask):
