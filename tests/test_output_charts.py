@@ -3,14 +3,12 @@ read.
 """
 
 import csv
-import functools
 import io
 import itertools
 import math
 import os
 import re
 from dataclasses import replace
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -36,93 +34,116 @@ from epcontact.results import (
     Provenance,
 )
 
-SPACING = (2e-6, 1e-6)
-HARDNESS = 1.5e11
-SIGMA = np.linspace(0, 1.5e11, 80)
+SPACING = (2e-6, 1e-6)  # m
+HARDNESS = 1.5e11  # Pa
+PRESSURES = np.linspace(0, HARDNESS, 80)
 PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
 
 
 def table_of(**series):
-    """One row a point of the series, each given as its costs and errors."""
+    """Return a row for each point of the series, given as their costs and errors."""
     return pd.concat(
         pd.DataFrame({"series": name, "cost_s": x, "error": y})
         for name, (x, y) in series.items()
     )
 
 
+def with_bounds(table, width):
+    """Return a table whose errors have bounds at a distance."""
+    errors = table["error"]
+    return table.assign(error_low=errors - width, error_high=errors + width)
+
+
 def lines_of(table, **changes):
-    figure = draw_table(table, replace(PLOT, **changes), "A caption.").figure
-    return {line.get_label(): line for line in figure.axes[0].lines}
+    """Return the lines of the chart of a table, by their labels."""
+    (axes,) = draw_table(table, replace(PLOT, **changes), "A caption.").figure.axes
+    return {line.get_label(): line for line in axes.lines}
 
 
-def answer(method, scale):
-    table = PressureDistribution(
-        SIGMA, scale * np.sin(SIGMA / 3e11 * np.pi) ** 2, scale
-    )
+def result_of(method, plastic_area):
+    """Return a result with a pressure distribution and, for the theory, a diffusion."""
+    cumulative = plastic_area * np.sin(PRESSURES / HARDNESS * np.pi / 2) ** 2
+    distribution = PressureDistribution(PRESSURES, cumulative, plastic_area)
     step = LoadStep(1.25e10, {}, quantities={"diffusion": 4.2e21})
-    return ContactResult(method, (step,), Provenance("x"), table)
+    return ContactResult(method, (step,), Provenance("x"), distribution)
 
 
-def make_map(kind):
-    """One round contact away from the middle: from above, against another, in
-    profile.
-    """
-    shape = (80,) if kind == "profile" else (60, 90)
-    around = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
-    top = 0.06 - sum((a - c) ** 2 for a, c in zip(around, (0.3, 0.6), strict=False))
-    pressure = np.clip(top * 5e12, 0, 1.5e11)
-    state = np.where(
-        pressure >= 1.5e11, PLASTIC, np.where(pressure > 0, ELASTIC, APART)
-    )
-    if kind == "profile":
-        return maps.contact_profile(
-            state, pressure, np.maximum(-1e-6 * top, 0), (1e-6,)
-        )
-    if kind == "difference":
-        return maps.pressure_difference(pressure, 0.98 * pressure, SPACING)
-    return maps.contact_map(state, pressure, SPACING, hardness=1.5e11)
+# --- the charts
+# -----------------------------------------------------------------------
+
+
+def round_contact(*shape):
+    """Return pressure, state and gap of a round contact away from the middle."""
+    places = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
+    height = np.full(shape, 0.06)
+    for place, centre in zip(places, (0.3, 0.6), strict=False):
+        height -= (place - centre) ** 2
+    pressure = np.clip(height * 5e12, 0, HARDNESS)
+    state = np.full(shape, APART)
+    state[pressure > 0] = ELASTIC
+    state[pressure >= HARDNESS] = PLASTIC
+    return pressure, state, np.maximum(-1e-6 * height, 0)
+
+
+def make_map():
+    pressure, state, _ = round_contact(60, 90)
+    return maps.contact_map(state, pressure, SPACING, hardness=HARDNESS)
+
+
+def make_difference():
+    pressure, _, _ = round_contact(60, 90)
+    return maps.pressure_difference(pressure, 0.98 * pressure, SPACING)
+
+
+def make_profile():
+    pressure, state, gap = round_contact(80)
+    return maps.contact_profile(state, pressure, gap, (1e-6,))
 
 
 EFFORT = np.random.default_rng(20260721).integers(5, 900, (7, 5)).astype(float)
-EFFORT[4:, 3:] = EFFORT[2, 0] = np.nan
-AXES = (np.linspace(0.04, 0.67, 7), np.geomspace(0.2, 1.2, 5))
+EFFORT[4:, 3:] = np.nan
+EFFORT[2, 0] = np.nan
 
 
 def make_stability():
-    labels = ("mean pressure / hardness (–)", "hardness / (E* slope) (–)")
-    methods = {"newton": EFFORT, "polonsky-keer": 3 * EFFORT}
     return maps.stability_map(
-        methods, *AXES, labels=labels, count="FFT pairs", caption="Map."
+        {"newton": EFFORT, "polonsky-keer": 3 * EFFORT},
+        np.linspace(0.04, 0.67, 7),
+        np.geomspace(0.2, 1.2, 5),
+        labels=("mean pressure / hardness (–)", "hardness / (E* slope) (–)"),
+        count="FFT pairs",
+        caption="Map.",
     )
 
 
 def make_distribution():
-    found = {
-        "persson": [answer("persson", 0.06)],
-        "bem": [answer("bem", a) for a in (0.02, 0.1)],
+    results = {
+        "persson": [result_of("persson", 0.06)],
+        "bem": [result_of("bem", 0.02), result_of("bem", 0.1)],
     }
-    theory = theory_densities(found, HARDNESS)
-    return curves.pressure_distribution(found, hardness=HARDNESS, theory=theory)
+    theory = theory_densities(results, HARDNESS)
+    return curves.pressure_distribution(results, hardness=HARDNESS, theory=theory)
 
 
 def make_curves():
-    """Axes of little more than a decade, where matplotlib labels minor ticks; bounds;
-    uprights.
+    """Draw axes of little more than a decade, where matplotlib labels minor ticks, with
+    bounds and upright lines.
     """
     q = np.geomspace(3, 60, 6)
     table = table_of(bem=(q, 1 / q), analytic=(q, 1 / q), limit=([60], [0.1]))
-    bounds = {"error_low": 0.9 * table["error"], "error_high": 1.1 * table["error"]}
-    styles, upright = (
-        {"analytic": "curve", "limit": "open"},
-        {"first": 4.0, "last": 50.0},
+    table = table.assign(
+        error_low=0.9 * table["error"], error_high=1.1 * table["error"]
     )
-    return draw_table(
-        table.assign(**bounds), replace(PLOT, styles=styles, upright=upright), "Two."
+    plot = replace(
+        PLOT,
+        styles={"analytic": "curve", "limit": "open"},
+        upright={"first": 4.0, "last": 50.0},
     )
+    return draw_table(table, plot, "Two.")
 
 
 def make_front():
-    """A front that has neither curves nor points behind an exact one."""
+    """Draw a front that has neither curves nor points behind an exact one."""
     table = table_of(
         a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01])
     )
@@ -131,7 +152,7 @@ def make_front():
 
 
 def make_bounds():
-    """With points, ticks, guides and labels, in other units than those of the table."""
+    """Draw points, ticks, guides and labels in other units than those of the table."""
     table = pd.DataFrame(
         {
             "series": "a",
@@ -154,69 +175,89 @@ def make_bounds():
     return draw_table(table, plot, "Bounds.")
 
 
+def make_history():
+    return curves.residual_history({"newton": 10.0 ** -np.arange(30)})
+
+
 MAKERS = {
-    "from above": functools.partial(make_map, "above"),
-    "difference": functools.partial(make_map, "difference"),
-    "profile": functools.partial(make_map, "profile"),
+    "from above": make_map,
+    "difference": make_difference,
+    "profile": make_profile,
     "stability": make_stability,
     "distribution": make_distribution,
     "curves": make_curves,
     "front": make_front,
     "bounds": make_bounds,
-    "history": lambda: curves.residual_history({"newton": 10.0 ** -np.arange(30)}),
+    "history": make_history,
 }
 
 
-def misplaced(figure, monkeypatch):
-    """Texts that are cut off and pairs that overlap; one pixel is the rounding of the
-    layout.
+@pytest.fixture(params=MAKERS.values(), ids=MAKERS.keys())
+def make_chart(request):
+    """Return each function that makes a chart."""
+    return request.param
+
+
+def texts_with_boxes(figure, monkeypatch):
+    """Return the texts that are really drawn, with their boxes in pixels.
+
+    The boxes are half a pixel smaller on each side, for the rounding of the layout.
     """
-    boxes: list[tuple[str, Any]] = []
+    boxes = []
     draw = mpl.text.Text.draw
 
-    def recording(self, renderer):  # of the texts that are really drawn
-        if self.get_visible() and self.get_text().strip():
-            boxes.append(
-                (self.get_text(), self.get_window_extent(renderer).padded(-0.5))
-            )
-        draw(self, renderer)
+    def draw_and_note(text, renderer):
+        if text.get_visible() and text.get_text().strip():
+            box = text.get_window_extent(renderer).padded(-0.5)
+            boxes.append((text.get_text(), box))
+        draw(text, renderer)
 
     with monkeypatch.context() as patch:
-        patch.setattr(mpl.text.Text, "draw", recording)
+        patch.setattr(mpl.text.Text, "draw", draw_and_note)
         figure.canvas.draw()
+    return boxes
+
+
+def test_texts_of_a_chart_are_whole_and_apart(make_chart, monkeypatch):
+    figure = make_chart().figure
+    boxes = texts_with_boxes(figure, monkeypatch)
     assert len(boxes) > 5
     page = figure.bbox.padded(0.5)
-    outside = [
-        (t,) for t, b in boxes if not np.all((page.min <= b.min) & (b.max <= page.max))
-    ]
-    pairs = itertools.combinations(boxes, 2)
-    return outside + [
-        (one, two) for (one, first), (two, second) in pairs if first.overlaps(second)
-    ]
+    for text, box in boxes:
+        assert np.all((page.min <= box.min) & (box.max <= page.max)), text
+    for (text, box), (other_text, other_box) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(other_box), (text, other_text)
 
 
-@pytest.mark.parametrize("name", MAKERS)
-def test_a_chart_can_be_read_and_is_the_same_four_files_again(
-    name, tmp_path, monkeypatch
-):
-    chart = MAKERS[name]()
-    for axes in chart.figure.axes:
+def test_axes_of_a_chart_have_units(make_chart):
+    for axes in make_chart().figure.axes:
         for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert re.search(r"\(.+\)", label) or not label, "an axis has no unit"
-    assert misplaced(chart.figure, monkeypatch) == []
-    paths = chart.save(tmp_path / "a" / name)
-    paths_of_second = MAKERS[name]().save(tmp_path / "b" / name)
+            assert re.search(r"\(.+\)", label) or not label
+
+
+def test_a_chart_is_the_same_four_files_again(make_chart, tmp_path):
+    chart = make_chart()
+    paths = chart.save(tmp_path / "first")
+    paths_of_second = make_chart().save(tmp_path / "second")
     assert [path.suffix for path in paths] == [".png", ".svg", ".csv", ".txt"]
     contents = [path.read_bytes() for path in paths]
     assert contents == [path.read_bytes() for path in paths_of_second]
-    assert contents[0].startswith(b"\x89PNG")
-    assert b"<svg" in contents[1]
-    assert contents[3].decode() == chart.caption + "\n"
-    rows = list(csv.reader(io.StringIO(paths[2].read_text())))
-    assert [len(row) for row in rows] == [len(chart.header)] * (len(chart.rows) + 1)
+    png, svg, table, caption = contents
+    assert png.startswith(b"\x89PNG")
+    assert b"<svg" in svg
+    assert caption.decode() == f"{chart.caption}\n"
+    header, *rows = csv.reader(io.StringIO(table.decode()))
+    assert header == [*chart.header]
+    assert len(rows) == len(chart.rows)
+    assert {len(row) for row in rows} == {len(header)}
+
+
+# --- what they show
+# -------------------------------------------------------------------
 
 
 def labels_of(legend):
+    """Return the texts of a legend."""
     return [text.get_text() for text in legend.texts]
 
 
@@ -291,93 +332,120 @@ def test_all_files_or_none_and_every_digit(tmp_path):
 
 
 def test_matplotlib_is_left_as_it_was():
-    code = (
-        "import sys, matplotlib as mpl; mpl.rcParams['font.size'] = 33.0;"
-        "from epcontact.output.charts.curves import *;"
-        "chart = residual_history({'a': [1, 2]}); chart.png();"
-        "assert mpl.rcParams['font.size'] == 33.0; assert 'matplotlib.pyplot' not in sys.modules;"
-        f"assert chart.figure.axes[0].xaxis.label.get_size() == {SETTINGS['axes.labelsize']};"
-    )
-    assert python("-c", code).returncode == 0
+    code = f"""
+import sys, matplotlib as mpl
+from epcontact.output.charts.curves import residual_history
+
+mpl.rcParams["font.size"] = 33.0
+chart = residual_history({{"a": [1, 2]}})
+chart.png()
+assert mpl.rcParams["font.size"] == 33.0
+assert "matplotlib.pyplot" not in sys.modules
+label = chart.figure.axes[0].xaxis.label
+assert label.get_size() == {SETTINGS["axes.labelsize"]}
+"""
+    done = python("-c", code)
+    assert done.returncode == 0, done.stderr
 
 
-def test_intervals_wider_than_all_differences_are_said():
+@pytest.mark.parametrize(
+    ("width", "series", "is_warned"),
+    [(0.5, 2, True), (0.03125, 2, False), (5.0, 1, False)],
+)
+def test_intervals_wider_than_all_differences_are_said(width, series, is_warned):
     name = "E* xi / sigma_Y = 5"
-    both = table_of(
-        **{name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])}
-    )
+    both = {name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])}
+    table = table_of(**dict([*both.items()][:series]))
     plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
-    for width, table, said in (
-        (0.5, both, True),
-        (0.03125, both, False),
-        (5.0, both[:3], False),
-    ):
-        wide = table.assign(
-            error_low=table["error"] - width, error_high=table["error"] + width
-        )
-        chart = draw_table(wide, plot, "At E* xi/sigma_Y = 5.")
-        (axes,) = chart.figure.axes
-        assert (
-            ("not tell them apart" in chart.caption) is bool(axes.get_title()) is said
-        )
-        assert chart.rows[0] == (name, 1.0, 1.0, 1 - width, 1 + width)  # plain
+    chart = draw_table(with_bounds(table, width), plot, "At E* xi/sigma_Y = 5.")
+    (axes,) = chart.figure.axes
+    assert ("not tell them apart" in chart.caption) is is_warned
+    assert bool(axes.get_title()) is is_warned
+    # The names of the data are not typeset.
+    assert chart.rows[0] == (name, 1.0, 1.0, 1 - width, 1 + width)
 
 
-def test_series_have_their_mark_in_each_colour_and_error_bars_are_set_apart():
+def table_of_parts():
+    """Return three series for each of two parts, with bounds."""
     table = table_of(theory=([1, 2], [1, 2]), bem=([1, 2], [1, 3]), limit=([0.5], [1]))
-    table["part"] = "plastic"
-    table["style"] = table["series"].map(
-        {"theory": "curve", "bem": "marks", "limit": "open"}
-    )
-    look = {"series": ("part", "series"), "colour": "part", "colours": PART_COLOURS}
-    table = pd.concat([table, table.assign(part="elastic")])
-    table = table.assign(
-        error_low=table["error"] - 0.1, error_high=table["error"] + 0.1
-    )
-    lines = lines_of(table.sort_values("part", kind="stable"), mark="series", **look)
-    for name in ("theory", "bem", "limit"):
-        one, two = (lines[f"{part}, {name}"] for part in ("elastic", "plastic"))
-        assert (one.get_marker(), one.get_linestyle()) == (
-            two.get_marker(),
-            two.get_linestyle(),
-        )
-        assert (
-            one.get_transform() == two.get_transform() == one.axes.transData
-        )  # marks are in place
-    bars = (
-        e for e in one.axes.collections if isinstance(e, mpl.collections.LineCollection)
-    )
-    apart = np.diff([bar.get_transform().transform((1, 1))[0] for bar in bars])
-    assert (apart > 1).all()
-    assert apart.sum() < 10  # pixels: at the marks
+    styles = {"theory": "curve", "bem": "marks", "limit": "open"}
+    table["style"] = table["series"].map(styles)
+    parts = [table.assign(part=part) for part in ("elastic", "plastic")]
+    return with_bounds(pd.concat(parts), 0.1)
+
+
+LOOK_OF_PARTS = {
+    "series": ("part", "series"),
+    "colour": "part",
+    "colours": PART_COLOURS,
+    "mark": "series",
+}
+
+
+@pytest.mark.parametrize("name", ["theory", "bem", "limit"])
+def test_a_series_has_the_same_mark_in_each_colour(name):
+    lines = lines_of(table_of_parts(), **LOOK_OF_PARTS)
+    elastic = lines[f"elastic, {name}"]
+    plastic = lines[f"plastic, {name}"]
+    assert elastic.get_marker() == plastic.get_marker()
+    assert elastic.get_linestyle() == plastic.get_linestyle()
+    assert elastic.get_color() == PART_COLOURS["elastic"]
+    assert plastic.get_color() == PART_COLOURS["plastic"]
+
+
+def test_error_bars_stand_side_by_side_at_their_marks():
+    lines = lines_of(table_of_parts(), **LOOK_OF_PARTS)
+    axes = next(iter(lines.values())).axes
+    for line in lines.values():
+        assert line.get_transform() == axes.transData  # marks are in place
+    places = [
+        bars.get_transform().transform((1, 1))[0]
+        for bars in axes.collections
+        if isinstance(bars, mpl.collections.LineCollection)
+    ]
+    distances = np.diff(places)
+    assert len(distances) == 3
+    assert np.all(distances > 1)  # pixels
+    assert distances.sum() < 10
 
 
 def test_methods_keep_their_colours_and_others_do_not_borrow_them():
     names = ("fem", "raw", "bem corrected", "other", "persson, equation (3)")
     lines = lines_of(table_of(**dict.fromkeys(names, ([1, 2], [1, 2]))))
     assert len({line.get_color() for line in lines.values()}) == 5
-    assert (
-        lines["fem"].get_color()
-        == lines_of(table_of(fem=([1], [1])))["fem"].get_color()
-    )
+    alone = lines_of(table_of(fem=([1], [1])))
+    assert lines["fem"].get_color() == alone["fem"].get_color()
+
+
+@pytest.mark.parametrize("style", ["points", "curve"])
+def test_twenty_series_have_different_looks(style):
     many = table_of(**{f"kind {n}": ([1, 2], [1, 2]) for n in range(20)})
-    for style in ("points", "curve"):
-        lines = lines_of(many, style=style).values()
-        assert (
-            len({(e.get_color(), e.get_marker(), e.get_linestyle()) for e in lines})
-            == 20
-        )
+    looks = {
+        (line.get_color(), line.get_marker(), line.get_linestyle())
+        for line in lines_of(many, style=style).values()
+    }
+    assert len(looks) == 20
+
+
+def test_the_legend_names_values_of_zero_once():
+    zeros = ([1, 2], [0.0, 0.1])
+    labels = [*lines_of(table_of(a=zeros, b=zeros))]
+    assert labels == ["a", "b", "open, on the axis: 0", "_"]
 
 
 @given(
     st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30)
 )
 def test_nothing_beats_the_pareto_front(points):
-    front = [*map(tuple, pareto_front(*zip(*points, strict=True)).tolist())]
-    beaten = {
-        p for p in points for a, b in points if a <= p[0] and b <= p[1] and (a, b) != p
-    }
-    assert front == sorted({*points} - beaten)
+    costs, errors = zip(*points, strict=True)
+    unbeaten = {*points}
+    for cost, error in points:
+        for point in points:
+            is_beaten = cost <= point[0] and error <= point[1]
+            if is_beaten and point != (cost, error):
+                unbeaten.discard(point)
+    front = pareto_front(costs, errors).tolist()
+    assert [*map(tuple, front)] == sorted(unbeaten)
 
 
 @given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
@@ -385,8 +453,13 @@ def test_the_order_of_a_power_law_is_its_exponent(order, factor):
     h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
     error = np.array([*(factor * h[:4] ** order), 1.0])
     assert observed_order(h, error) == pytest.approx(order, abs=1e-9)
-    assert math.isnan(observed_order([1.0, 1.0], [2.0, 3.0]))
-    assert math.isnan(observed_order([1.0, 2.0], [0.0, math.nan]))
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [([1.0, 1.0], [2.0, 3.0]), ([1.0, 2.0], [0.0, math.nan])]
+)
+def test_one_place_or_no_positive_value_has_no_order(x, y):
+    assert math.isnan(observed_order(x, y))
 
 
 @given(
@@ -394,14 +467,13 @@ def test_the_order_of_a_power_law_is_its_exponent(order, factor):
     bins=st.integers(1, 80),
 )
 def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
-    """The sum holds where many points share one pressure, a step of the cumulative
-    area, too.
+    """This also holds if many points have the same pressure, a step of the cumulative
+    area.
     """
-    sigma = np.append(np.sort(pressures), 1e9)
-    cumulative = np.linspace(0.01, 0.4, sigma.size)
-    centres, density = curves.pressure_density(
-        PressureDistribution(sigma, cumulative, 0.1), bins
-    )
+    ascending = np.append(np.sort(pressures), 1e9)
+    cumulative = np.linspace(0.01, 0.4, ascending.size)
+    distribution = PressureDistribution(ascending, cumulative, 0.1)
+    centres, density = curves.pressure_density(distribution, bins)
     assert density.sum() * 1e9 / bins == pytest.approx(0.4, rel=1e-12)
     assert np.all(density >= 0)
     assert np.all((centres > 0) & (centres < 1e9))
@@ -410,21 +482,21 @@ def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
 def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     chart = make_distribution()
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
-    _, density = curves.pressure_density(answer("bem", 0.06).distribution)
+    _, density = curves.pressure_density(result_of("bem", 0.06).distribution)
     assert rows["bem"] == pytest.approx(density, rel=1e-12)
     (axes,) = chart.figure.axes
     lines = {line.get_label(): line for line in axes.lines}
     mean_plastic_area = (0.02 + 0.1) / 2
     label = f"bem (counted plastic area {mean_plastic_area:g})"
     assert labels_of(axes.get_legend())[1] == label
-    G = 4.2e21
-    p0 = 1.25e10
-    x, y = (np.asarray(v) for v in lines["persson without hardness"].get_data())
-    near, far = (np.exp(-((1e9 * x - shift) ** 2) / (4 * G)) for shift in (p0, -p0))
-    assert y == pytest.approx(
-        1e9 * (near - far) / np.sqrt(4 * np.pi * G), rel=1e-9, abs=1e-15
-    )
-    x, y = (np.asarray(v) for v in lines["persson (plastic area 0.06)"].get_data())
+    G = 4.2e21  # diffusion in Pa^2
+    p0 = 1.25e10  # mean pressure in Pa
+    x, y = lines["persson without hardness"].get_xydata().T  # GPa and 1/GPa
+    near = np.exp(-((1e9 * x - p0) ** 2) / (4 * G))
+    far = np.exp(-((1e9 * x + p0) ** 2) / (4 * G))
+    elastic = 1e9 * (near - far) / np.sqrt(4 * np.pi * G)
+    assert y == pytest.approx(elastic, rel=1e-9, abs=1e-15)
+    x, y = lines["persson (plastic area 0.06)"].get_xydata().T
     n = np.arange(1, 40)[:, None] * np.pi / HARDNESS
     modes = np.sin(n * p0) * np.sin(n * 1e9 * x)
     capped = 2e9 / HARDNESS * np.sum(modes * np.exp(-(n**2) * G), axis=0)
@@ -433,12 +505,10 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
 
 def test_the_legend_has_the_colours_of_the_map():
     state = np.full((60, 40), APART)
-    state[5:25, 5:15], state[35:55, 25:35] = ELASTIC, PLASTIC
-    places = {
-        APART: (30, 4),
-        ELASTIC: (15, 20),
-        PLASTIC: (45, 60),
-    }  # in µm, x to the right, y up
+    state[5:25, 5:15] = ELASTIC
+    state[35:55, 25:35] = PLASTIC
+    # In µm, x to the right and y upward.
+    places = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}
     chart = maps.contact_map(state, 1e9 * (state > 0), (1e-6, 2e-6))
     figure = chart.figure
     with Image.open(io.BytesIO(chart.png())) as picture:
@@ -446,27 +516,32 @@ def test_the_legend_has_the_colours_of_the_map():
     figure.set_dpi(SETTINGS["savefig.dpi"])
     figure.canvas.draw()
     (legend,) = figure.legends
-    keys = {
-        t.get_text(): p for t, p in zip(legend.texts, legend.get_patches(), strict=True)
-    }
+    patches = dict(zip(labels_of(legend), legend.get_patches(), strict=True))
     for kind, place in places.items():
-        box = keys[
-            f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"
-        ].get_window_extent()
-        middle, shown = (
-            box.get_points().mean(axis=0),
-            figure.axes[0].transData.transform(place),
-        )
-        assert np.array_equal(*(pixels[int(y), int(x)] for x, y in (middle, shown)))
+        label = f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"
+        (x0, y0), (x1, y1) = patches[label].get_window_extent().get_points()
+        legend_colour = pixels[int(y0 + y1) // 2, int(x0 + x1) // 2]
+        x, y = figure.axes[0].transData.transform(place)
+        map_colour = pixels[int(y), int(x)]
+        assert np.array_equal(legend_colour, map_colour)
 
 
-def test_units_read_well_and_an_empty_chart_is_refused():
-    lengths, pressures = (2.5e-4, 3e-9, 1e-10, 1500.0), (1.5e11, 0.0, math.inf)
-    assert [unit_for(v, "m")[1] for v in lengths] == ["µm", "nm", "nm", "m"]
-    assert [unit_for(v, "Pa") for v in pressures] == [
-        (1e9, "GPa"),
-        (1.0, "Pa"),
-        (1.0, "Pa"),
-    ]
+@pytest.mark.parametrize(
+    ("value", "unit", "scale", "prefixed_unit"),
+    [
+        (2.5e-4, "m", 1e-6, "µm"),
+        (3e-9, "m", 1e-9, "nm"),
+        (1e-10, "m", 1e-9, "nm"),
+        (1500.0, "m", 1.0, "m"),
+        (1.5e11, "Pa", 1e9, "GPa"),
+        (0.0, "Pa", 1.0, "Pa"),
+        (math.inf, "Pa", 1.0, "Pa"),
+    ],
+)
+def test_units_suit_their_values(value, unit, scale, prefixed_unit):
+    assert unit_for(value, unit) == (scale, prefixed_unit)
+
+
+def test_an_empty_chart_is_refused():
     with pytest.raises(ValueError, match="nothing to draw"):
         curves.residual_history({"a": [math.nan]})
