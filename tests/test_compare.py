@@ -11,7 +11,12 @@ from command_line import invoke
 
 from epcontact.bem.areas import rim_correction
 from epcontact.harness.case_files.case import find_named, load_case
-from epcontact.harness.verdict.compare import KEPT, UNCLAIMED, compare, read_figures
+from epcontact.harness.verdict.compare import (
+    CHANGE_WITHOUT_ERROR,
+    RELEASE_VALUES,
+    compare,
+    read_values,
+)
 from epcontact.harness.verdict.verification import verify
 
 CASES = Path(__file__).parents[1] / "cases"
@@ -52,7 +57,7 @@ def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
         "area.total.corrected of bem against westergaard (relative)"
     ].iloc[-2:]
     assert 0.1 < moves < 1
-    assert error > 1.2 * UNCLAIMED * 0.564  # it is the claim of the area
+    assert error > 1.2 * CHANGE_WITHOUT_ERROR * 0.564  # it is the claim of the area
     assert (code, "area.total.corrected of bem" in said) == (0, True)
     code, said, _ = compared(runs / "right", runs / "off")
     assert (code, "1 moved beyond their claim" in said) == (1, True)
@@ -102,7 +107,7 @@ def changed_tables():
 
 def test_each_change_is_counted_in_error_estimates():
     comparison = compare(*changed_tables())
-    moved = comparison.moved.set_index("figure")["moved"]
+    moved = comparison.moved.set_index("quantity")["moved"]
     # z has no error estimate: the comparison takes 1e-4 of the value.
     expected = {
         "x of m": 0.25 / 0.1,
@@ -119,7 +124,7 @@ def test_each_change_is_counted_in_error_estimates():
 
 
 def test_what_is_gone_is_told(runs, tmp_path):
-    figures = read_figures(runs / "right")
+    figures = read_values(runs / "right")
     # Full cases say nothing of a run that is fast; a fast case that is gone is named.
     others = (("big", "full"), ("gone", "fast"))
     more = [figures.assign(case=case, size=size) for case, size in others]
@@ -133,7 +138,7 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
     (tmp_path / "verdict.json").write_text("{}")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     content = (runs / "right/verdict.json").read_text()
-    figures = read_figures(runs / "right")
+    figures = read_values(runs / "right")
     (tmp_path / "alone.json").write_text(content)  # as kept of an earlier run
     assert compared(tmp_path / "alone.json", runs / "right")[0] == 0
     (tmp_path / "edited.json").write_text(content.replace("holds", "skips"))
@@ -150,7 +155,11 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
 
 
 def test_no_band_of_the_cases_grew_and_none_is_gone():
-    kept = read_figures(KEPT).dropna(subset="low").set_index(["case", "size", "name"])
+    kept = (
+        read_values(RELEASE_VALUES)
+        .dropna(subset="low")
+        .set_index(["case", "size", "name"])
+    )
     assert len(kept) > 900
     present = {
         (text.id, size, gate.name): (gate.low, gate.high)

@@ -32,7 +32,7 @@ TOKENS = {
     "epcontact": 148,
     "epcontact.bem": 29_582,
     "epcontact.cli": 9_569,
-    "epcontact.crosscheck": 3_101,
+    "epcontact.crosscheck": 3_222,
     "epcontact.errors": 362,
     "epcontact.files": 859,
     "epcontact.harness": 37_126,

@@ -29,7 +29,7 @@ from epcontact import (
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES, measure, scalar_quantities
 from epcontact.harness.solving.load_path import with_hardness_error
-from epcontact.harness.verdict.compare import KEPT, read_figures
+from epcontact.harness.verdict.compare import RELEASE_VALUES, read_values
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.results import CONDUCTING, Areas, ContactResult, LoadStep, Provenance
 from epcontact.surfaces import SelfAffine
@@ -231,7 +231,7 @@ def test_no_quantity_is_without_a_value():
     """
     gates = [
         name.split(" ")
-        for name in read_figures(KEPT).dropna(subset="low")["name"].unique()
+        for name in read_values(RELEASE_VALUES).dropna(subset="low")["name"].unique()
     ]
     known = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
     known |= {name for _, values in CASES for name in values} | FIGURES

@@ -32,7 +32,7 @@ from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.files import write_verdict
 from epcontact.harness.verdict.judgement import Verdict, judge_case
-from epcontact.harness.verdict.made import commit_of
+from epcontact.harness.verdict.run_info import commit_of
 from epcontact.harness.verdict.verification import verify
 from epcontact.machine import available_cores
 from epcontact.results import (

@@ -14,7 +14,12 @@ from rich.text import Text
 from epcontact.cli.terminal import new_table, open_console, print_rows
 from epcontact.files import atomic_write
 from epcontact.harness.verdict import compare as comparing
-from epcontact.harness.verdict.compare import KEPT, Comparison, keep, read_figures
+from epcontact.harness.verdict.compare import (
+    RELEASE_VALUES,
+    Comparison,
+    read_values,
+    save_values,
+)
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import accuracy as ledgers
 
@@ -48,16 +53,16 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) 
     """
     if len(verdicts) > 2:
         raise click.UsageError(f"compares OLD and NEW, but {len(verdicts)} are given")
-    new = read_figures(verdicts[-1])
+    new = read_values(verdicts[-1])
     if saved is not None:
-        keep(new, saved)
+        save_values(new, saved)
         click.echo(f"figures in {saved}")
         if len(verdicts) == 1:
             return
-    old = read_figures(verdicts[0] if len(verdicts) == 2 else KEPT)
+    old = read_values(verdicts[0] if len(verdicts) == 2 else RELEASE_VALUES)
     comparison = comparing.compare(old, new)
     if table is not None:
-        names = [*comparing.ROW, "value_old", "value_new", "error", "moved"]
+        names = [*comparing.KEYS, "value_old", "value_new", "error", "moved"]
         with atomic_write(table) as file:
             comparison.moved[names].to_csv(file, index=False)
     _print_comparison(comparison)
@@ -75,7 +80,7 @@ def _print_comparison(comparison: Comparison) -> None:
             values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
             work.add_row(Text(name), *values, f"{row.ratio:.2f}")
         console.print(work)
-    for words, names in comparison.told.items():
+    for words, names in comparison.notes.items():
         if names:
             sentence = f"{words}: {', '.join(names[:_NAMES])}"
             if len(names) > _NAMES:
@@ -105,7 +110,7 @@ def _print_moved(console: Console, comparison: Comparison) -> None:
             values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
             style = "bold red" if row.moved > 1 else ""
             change = Text(f"{row.moved:.2g}", style)
-            table.add_row(Text(f"  {row.figure}"), *values, change)
+            table.add_row(Text(f"  {row.quantity}"), *values, change)
     console.print(table)
 
 

@@ -22,8 +22,8 @@ from epcontact.harness import sweep
 from epcontact.harness.gates import distance
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import scalar_quantities
-from epcontact.harness.verdict.compare import KEPT as RELEASE
-from epcontact.harness.verdict.compare import read_figures
+from epcontact.harness.verdict.compare import RELEASE_VALUES as RELEASE
+from epcontact.harness.verdict.compare import read_values
 from epcontact.output.charts.plot import Plot
 from epcontact.persson.validity import theory_map
 from epcontact.studies import conductance
@@ -91,12 +91,12 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
             if (folder / "sweep.json").is_file():
                 swept.append(folder)
             else:
-                tables.append(verdict_rows(read_figures(folder)))
+                tables.append(verdict_rows(read_values(folder)))
         tables.insert(0, sweep_rows(swept))
     else:
         tables = [
             pd.read_csv(PACKAGE_TABLE),
-            verdict_rows(read_figures(RELEASE)),
+            verdict_rows(read_values(RELEASE)),
             _theory_rows(),
             _law_rows(),
         ]
@@ -168,7 +168,7 @@ def verdict_rows(figures: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a verdict, one for each gate on a quantity of the ledger.
 
     Args:
-        figures: The table of `compare.read_figures`.
+        figures: The table of `compare.read_values`.
     """
     rows = []
     for row in figures.dropna(subset="low").to_dict("records"):

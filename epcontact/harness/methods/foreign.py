@@ -55,7 +55,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -171,14 +171,28 @@ def _ask(
     return answer
 
 
-def _checked(result: ContactResult, scene: Scene, before: Any = None) -> ContactResult:
-    """Return a result with what follows from its pressures, or raise what is wrong with
-    it.
+def _checked(
+    result: ContactResult, scene: Scene, before: FloatArray | None = None
+) -> ContactResult:
+    """Return a result with what follows from its pressures.
+
+    A result without pressures keeps its areas and other quantities, with a note.
+
+    Args:
+        result: what the solver returned.
+        scene: the scene that it was given.
+        before: how far the load before has left the surface lowered, in m; None: by
+            nothing.
+
+    Raises:
+        InvalidCase: if a part of the result is wrong.
+        NotConverged: if the solver says so.
     """
-    loads, path = [step.mean_pressure for step in result.steps], scene.load.path
-    if loads != [*path]:
+    loads = [step.mean_pressure for step in result.steps]
+    path = list(scene.load.path)
+    if loads != path:
         raise InvalidCase(
-            f"load steps at {loads} Pa, but the scene has loads at {[*path]} Pa"
+            f"load steps at {loads} Pa, but the scene has loads at {path} Pa"
         )
     _require_solved(result.converged, result.final.residuals, result.cost)
     for name in result.fields:
@@ -188,33 +202,40 @@ def _checked(result: ContactResult, scene: Scene, before: Any = None) -> Contact
             )
     if "pressure" in result.fields:
         return _by_its_pressures(result, scene, before)
-    if missing := sorted({"raw", "corrected"} - result.final.areas.keys()):
+    missing = sorted({"raw", "corrected"} - result.final.areas.keys())
+    if missing:
         raise InvalidCase(
             f"no pressure and no areas[{missing[0]!r}] of its last load step"
         )
-    areas = {
-        k: a for k, a in result.final.areas.items() if k != "error"
-    }  # no unchecked claim
-    result = replace(
-        result, steps=(*result.steps[:-1], replace(result.final, areas=areas))
-    )
-    return _told(result, scalar_quantities(result))
+    areas = dict(result.final.areas)
+    areas.pop("error", None)  # nothing here checks its error estimate
+    final = replace(result.final, areas=areas)
+    result = replace(result, steps=(*result.steps[:-1], final))
+    return _with_note(result, list(scalar_quantities(result)))
 
 
 def _require_solved(
     converged: Any, residuals: Mapping[str, Any], cost: Any = None
 ) -> None:
-    """Raise if a solver says that it has not converged, or nothing that can be
-    understood.
+    """Raise what is wrong with the numbers of a solve.
+
+    Args:
+        converged: what the solver says: 0 or 1.
+        residuals: must be from 0 up to 1.
+        cost: its numbers must not be negative; None: there is none.
+
+    Raises:
+        InvalidCase: if one is no such number.
+        NotConverged: if the solver has not converged.
     """
-    for what, most, given in (
+    for what, limit, given in (
         ("residuals", 1, residuals),
         ("costs", math.inf, cost or {}),
     ):
-        for name, v in given.items():
-            if not 0 <= v < most:
+        for name, value in given.items():
+            if not 0 <= value < limit:
                 raise InvalidCase(
-                    f"{name} {v!s:.40}, but {what} are numbers from 0 up to {most}"
+                    f"{name} {value!s:.40}, but {what} are numbers from 0 up to {limit}"
                 )
     if converged not in (0, 1):
         raise InvalidCase(f"converged {converged!s:.40}, but it is 0 or 1")
@@ -222,56 +243,71 @@ def _require_solved(
         raise NotConverged("a result that has not converged")
 
 
-def _told(result: ContactResult, names: Iterable[str]) -> ContactResult:
-    """Add the note that figures are a solver's word."""
+def _with_note(result: ContactResult, names: Collection[str]) -> ContactResult:
+    """Return a result with the note that quantities are unchecked, if there are any."""
+    if not names:
+        return result
     note = f"{', '.join(sorted(names))}: the solver's word, which nothing here checks"
-    return replace(result, notes=(*result.notes, *[note][: len({*names})]))
+    return replace(result, notes=(*result.notes, note))
 
 
 def _by_its_pressures(
-    result: ContactResult, scene: Scene, before: Any = None
+    result: ContactResult, scene: Scene, before: FloatArray | None = None
 ) -> ContactResult:
-    """Return a result with what follows from its pressures.  Of other figures that the
-    package knows, it keeps the word only of a body that flows by J2, as its surface
-    does not show them.
+    """Return a result with the areas, quantities and fields that follow from its
+    pressures.
+
+    Other quantities that the package knows stay only if the body flows by J2, as the
+    pressures do not show these; those that it does not know stay with a note.
     """
     from epcontact.peers.pressure_result import result_of_pressures  # loads solvers
 
     flows = result.provenance.options.get("law") == "j2"  # no cap bounds its pressures
-    found = result_of_pressures(
+    computed = result_of_pressures(
         scene, result.fields, result.method, before=before, flows=flows
     )
-    areas, known, fields = (
-        dict(found.final.areas),
-        found.final.quantities,
-        dict(result.fields),
-    )
-    if (
-        flows and "state" in fields
-    ):  # the pressures do not show which of the contact has flowed
-        kept = 1 - float((fields["state"] == results.PLASTIC).mean()) / (
-            areas["raw"].total or 1.0
-        )
-        areas = {
-            k: Areas(a.total, kept * a.total, a.total * (1 - kept))
-            for k, a in areas.items()
-        }
-    own = {
-        name: value
-        for name, value in result.final.quantities.items()
-        if (named := QUANTITIES.get(f"quantity.{name}")) is None
-        or (flows and not named.measure)
-    }
-    residuals = {**result.final.residuals, **found.final.residuals}
+    areas = dict(computed.final.areas)
+    if flows and "state" in result.fields:
+        areas = _with_flowing_part(areas, result.fields["state"])
+    unchecked = {}
+    for name, value in result.final.quantities.items():
+        known = QUANTITIES.get(f"quantity.{name}")
+        if known is None or (flows and not known.measure):
+            unchecked[name] = value
+    quantities = computed.final.quantities
     final = replace(
-        result.final, areas=areas, residuals=residuals, quantities={**own, **known}
+        result.final,
+        areas=areas,
+        residuals={**result.final.residuals, **computed.final.residuals},
+        quantities={**unchecked, **quantities},
     )
+    fields = dict(result.fields)
     if not flows:
-        lowered = {"plastic_displacement": found.fields["plastic_displacement"]}
-        fields = {**found.fields, **fields, **lowered}
-    steps, distribution = (*found.steps[:-1], final), found.distribution
-    result = replace(result, steps=steps, distribution=distribution, fields=fields)
-    return _told(result, own.keys() - known.keys())
+        lowered = computed.fields["plastic_displacement"]
+        fields = {**computed.fields, **fields, "plastic_displacement": lowered}
+    result = replace(
+        result,
+        steps=(*computed.steps[:-1], final),
+        distribution=computed.distribution,
+        fields=fields,
+    )
+    return _with_note(result, unchecked.keys() - quantities.keys())
+
+
+def _with_flowing_part(
+    areas: Mapping[str, Areas], state: FloatArray
+) -> dict[str, Areas]:
+    """Return areas whose plastic part is that of the reported states: pressures do not
+    show which part of the contact has flowed.
+    """
+    plastic = float((state == results.PLASTIC).mean())
+    elastic_part = 1 - plastic / (areas["raw"].total or 1.0)
+    divided = {}
+    for kind, area in areas.items():
+        elastic = elastic_part * area.total
+        flowed = area.total * (1 - elastic_part)
+        divided[kind] = Areas(area.total, elastic, flowed)
+    return divided
 
 
 # --- in the process of the solver
@@ -343,43 +379,49 @@ def _words(source: str) -> list[str]:
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
-    """Return the fields that a program, given by its words, has for a scene, as a
-    result.
+    """Return the fields that a program writes for a scene, as a result.
+
+    Args:
+        words: the program and its arguments, with placeholders.
+        scene: the scene.
+
+    Raises:
+        InvalidCase: if the program fails or writes no result.
+        NotConverged: if it says so.
     """
     with tempfile.TemporaryDirectory(prefix="epcontact-") as name:
-        given, written = Path(name) / "scene.txt", Path(name) / "result.txt"
-        given.write_text(scene_text(scene), encoding="utf-8")
-        files = {"scene": str(given), "result": str(written)}
+        scene_file = Path(name) / "scene.txt"
+        result_file = Path(name) / "result.txt"
+        scene_file.write_text(scene_text(scene), encoding="utf-8")
+        files = {"scene": str(scene_file), "result": str(result_file)}
         command = [
             PLACEHOLDER.sub(lambda match: files[match[1]], word) for word in words
         ]
         started = time.perf_counter()
         done = subprocess.run(command, check=False, stderr=subprocess.PIPE)
-        cost = {
-            "seconds": time.perf_counter() - started,
-            "unknowns": scene.surface.heights.size,
-        }
-        said = done.stderr.decode(errors="replace")
-        with contextlib.suppress(OSError):  # that nobody can read it there is no error
-            sys.stderr.write(said)
+        seconds = time.perf_counter() - started
+        stderr = done.stderr.decode(errors="replace")
+        with contextlib.suppress(OSError):  # a full or closed stderr is no error
+            sys.stderr.write(stderr)
         if done.returncode:
-            last = f"; it said: {said.strip().splitlines()[-1]}" if said.strip() else ""
+            lines = stderr.strip().splitlines()
+            last = f"; it said: {lines[-1]}" if lines else ""
             raise InvalidCase(f"a command that {describe_death(done.returncode)}{last}")
-        if not written.is_file():
+        if not result_file.is_file():
             raise InvalidCase(
                 "a command that ended with exit code 0 and wrote no result"
             )
-        found = result_of_text(
-            written.read_text("utf-8", "replace"), scene.surface.shape
-        )
-    steps = tuple(LoadStep(load, {}) for load in scene.load.path)
-    origin, notes = Provenance(scene.digest, scene.surface.seed), scene.surface.notes
-    fields = {name: found[name] for name in _ARRAYS if name in found}
-    notes = (
-        *notes,
-        f"the pressure is {words[0]}'s, everything else follows from it here",
+        text = result_file.read_text("utf-8", "replace")
+    found = result_of_text(text, scene.surface.shape)
+    note = f"the pressure is {words[0]}'s, everything else follows from it here"
+    return ContactResult(
+        words[0],
+        tuple(LoadStep(load, {}) for load in scene.load.path),
+        Provenance(scene.digest, scene.surface.seed),
+        fields={name: found[name] for name in _ARRAYS if name in found},
+        cost={"seconds": seconds, "unknowns": scene.surface.heights.size},
+        notes=(*scene.surface.notes, note),
     )
-    return ContactResult(words[0], steps, origin, fields=fields, cost=cost, notes=notes)
 
 
 def scene_text(scene: Scene) -> str:
@@ -403,24 +445,36 @@ def scene_text(scene: Scene) -> str:
 
 
 def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
-    """Read the text of a result."""
-    words, at = text.split(), 2
+    """Read the text of a result: its arrays and numbers by their names.
+
+    Args:
+        text: see the module's docstring.
+        shape: of the grid, and of the arrays that are returned.
+
+    Raises:
+        InvalidCase: if it is no such text.
+        NotConverged: if it says so.
+    """
+    words = text.split()
     found: dict[str, FloatArray] = {}
     if words[:2] != ["epcontact-result", "1"]:
         raise InvalidCase("a file that does not begin with 'epcontact-result 1'")
-    while at < len(words):
-        name = words[at]
+    start = 2
+    while start < len(words):
+        name = words[start]
         if name not in (*_ARRAYS, *_NUMBERS):
             known = ", ".join((*_NUMBERS, *_ARRAYS))
             raise InvalidCase(
                 f"a file with {name!r:.40} in the place of one of {known}"
             )
-        form = shape if name in _ARRAYS else ()
-        end = at + 1 + (count := math.prod(form))
         if name in found:
             raise InvalidCase(f"a file with {name!r} twice")
+        form = shape if name in _ARRAYS else ()
+        count = math.prod(form)
+        end = start + 1 + count
         numbers = [
-            _LOGICAL.get(w) or _EXPONENT.sub("e", w) for w in words[at + 1 : end]
+            _LOGICAL.get(word) or _EXPONENT.sub("e", word)
+            for word in words[start + 1 : end]
         ]
         try:
             found[name] = np.array(numbers, dtype=np.float64).reshape(form)
@@ -428,10 +482,10 @@ def result_of_text(text: str, shape: tuple[int, ...]) -> dict[str, FloatArray]:
             raise InvalidCase(
                 f"a file with fewer than {count} numbers after {name!r}"
             ) from None
-        at = end
+        start = end
     for name in ("converged", "pressure"):
         if name not in found:
             raise InvalidCase(f"a file without {name!r}")
-    said = {name: float(found[name]) for name in _NUMBERS if name in found}
-    _require_solved(said.pop("converged"), said)
+    numbers_found = {name: float(found[name]) for name in _NUMBERS if name in found}
+    _require_solved(numbers_found.pop("converged"), numbers_found)
     return found

@@ -51,7 +51,7 @@ from epcontact.harness.quantities.registry import (
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.digest import digest_of
 from epcontact.harness.verdict.evidence import kind_of, subject_of
-from epcontact.harness.verdict.made import Made
+from epcontact.harness.verdict.run_info import RunInfo
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import PressureDistribution, package_versions
 
@@ -136,7 +136,7 @@ class Verdict(Record):
     versions: dict[str, str] = Field(
         description="of the packages that made the results; several, if results were reused"
     )
-    made: Made | None = Field(
+    made: RunInfo | None = Field(
         default=None, description="when, where and by which sources"
     )
     cases: list[CaseVerdict]
@@ -198,7 +198,7 @@ class Verdict(Record):
 
     @classmethod
     def on(
-        cls, cases: Sequence[CaseVerdict], size: str, made: Made | None = None
+        cls, cases: Sequence[CaseVerdict], size: str, made: RunInfo | None = None
     ) -> Verdict:
         """Return the verdict on cases.
 
@@ -221,7 +221,7 @@ class Verdict(Record):
             exit_code=exit_code,
             size=size,
             versions=_versions(cases) or package_versions(),
-            made=made or Made.here(),
+            made=made or RunInfo.here(),
             cases=list(cases),
         )
 

@@ -22,7 +22,7 @@ from epcontact.harness.solving.run import solve_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.files import delete_verdict, write_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, judge_case
-from epcontact.harness.verdict.made import Made
+from epcontact.harness.verdict.run_info import RunInfo
 from epcontact.scene import as_tuple
 
 
@@ -74,7 +74,7 @@ def verify(
         (True, 'holds')
     """
     run = replace(run or Run(), **options)
-    made = Made.here()
+    made = RunInfo.here()
     delete_verdict(run.folder)
     loaded, methods = _load(cases, size, solver)
     verdicts: dict[str, CaseVerdict] = {}

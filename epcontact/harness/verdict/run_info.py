@@ -1,6 +1,4 @@
-"""Where a verdict comes from: the version and the commit, the time and the machine, and
-nothing that names a person or a host.
-"""
+"""When, where and by which sources a verification ran; no person or host is named."""
 
 from __future__ import annotations
 
@@ -17,13 +15,13 @@ from epcontact.harness.gates import Record
 from epcontact.machine import available_cores
 from epcontact.results import package_versions
 
-HOME = Path(__file__).parents[
-    3
-]  # of the package: a checkout, or the folder of an installation
-_JUDGED = ("epcontact", "fem_check", "cases")  # what of a checkout a verdict rests on
+#: The folder of the package: a checkout, or the folder of an installation.
+HOME = Path(__file__).parents[3]
+#: The folders of a checkout on which a verdict rests.
+_JUDGED = ("epcontact", "fem_check", "cases")
 
 
-class Made(Record):
+class RunInfo(Record):
     """When, where and by which sources a verdict was made."""
 
     version: str = Field(description="of epcontact")
@@ -40,8 +38,8 @@ class Made(Record):
     system: str
 
     @classmethod
-    def here(cls) -> Made:
-        """Return what is true now, on this machine."""
+    def here(cls) -> RunInfo:
+        """Return the run info of a run that begins now, on this machine."""
         commit, dirty = commit_of(HOME)
         return cls(
             version=package_versions()["epcontact"],
@@ -50,32 +48,33 @@ class Made(Record):
             date=datetime.now(UTC).isoformat(timespec="seconds"),
             cores=available_cores(),
             processor=_processor(),
-            system=f"{platform.system()} {platform.machine()}",  # a release may name its builder
+            # A release may name its builder, so the system is named alone.
+            system=f"{platform.system()} {platform.machine()}",
         )
 
 
 def commit_of(home: Path) -> tuple[str | None, bool | None]:
-    """Return the commit of a checkout, and whether what is judged there differs from
-    it.
+    """Return the commit of a checkout, and whether its sources or cases differ from it.
+
+    Both are None if the folder is no checkout of this package.
     """
-    # A hook of another repository names that one; the index may be another user's to
-    # write.
-    others = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
-    found = []
-    for words in (
-        (
-            "ls-files",
-            "--error-unmatch",
-            "epcontact/__init__.py",
-        ),  # not a repository around it
+    # A hook of another repository names that one in GIT_ variables; the index may be
+    # another user's to write.
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
+    environment["GIT_OPTIONAL_LOCKS"] = "0"
+    commands = (
+        # It fails in a repository around the package.
+        ("ls-files", "--error-unmatch", "epcontact/__init__.py"),
         ("rev-parse", "HEAD"),
         ("status", "--porcelain", "--", *_JUDGED),
-    ):
+    )
+    outputs = []
+    for words in commands:
         try:
             done = subprocess.run(
                 ("git", *words),
                 cwd=home,
-                env=others | {"GIT_OPTIONAL_LOCKS": "0"},
+                env=environment,
                 capture_output=True,
                 text=True,
                 timeout=10,
@@ -83,18 +82,15 @@ def commit_of(home: Path) -> tuple[str | None, bool | None]:
             )
         except (OSError, subprocess.SubprocessError):
             return None, None
-        found.append(done.stdout.strip())
-    return found[1], bool(found[2])
+        outputs.append(done.stdout.strip())
+    return outputs[1], bool(outputs[2])
 
 
 def _processor() -> str:
-    with suppress(OSError, StopIteration):
-        lines = (
-            Path("/proc/cpuinfo")
-            .read_text(encoding="utf-8", errors="replace")
-            .splitlines()
-        )
-        return next(line for line in lines if line.startswith("model name")).partition(
-            ": "
-        )[2]
+    """Return the name of the processor; "" if the system does not tell it."""
+    with suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
+            if line.startswith("model name"):
+                return line.partition(": ")[2]
     return platform.processor()
