@@ -115,6 +115,17 @@ def test_an_executor_for_slurm(monkeypatch):
         assert executor.submit(max, 1, 2).result() == 2
 
 
+def test_a_hardness_that_grows_with_the_magnification(capsys):
+    guide = (ROOT / ".docs/theory.md").read_text(encoding="utf-8")
+    code, output = re.search(
+        r"^```python\n(from epcontact import SelfAffine.*?)^```.*?^```text\n(.*?)^```",
+        guide,
+        re.MULTILINE | re.DOTALL,
+    ).groups()
+    exec(code, {})
+    assert capsys.readouterr().out == output
+
+
 def test_solver_and_case_of_the_readers_own(home):
     (yaml,) = blocks("yaml")
     verify, compare = (
