@@ -21,7 +21,8 @@ from epcontact.harness.verdict.judgement import Verdict
 
 #: Numbers may differ by this part of themselves, by the last digit shown, or by this
 #: part of the largest number of their line, which is far below what solvers resolve.
-RELATIVE_TOLERANCE = 1e-3
+#: Columns and units that are exchanged differ by more; tests of values are narrower.
+RELATIVE_TOLERANCE = 0.02
 ROUNDING = 1e-9
 
 NUMBER = re.compile(r"(?<![\w.#])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d)")
@@ -172,7 +173,7 @@ def test_gates(metals, check_screen):
 
 
 def test_plan(metals, check_screen):
-    options = ("--tolerance", "9%", "--check")
+    options = ("--tolerance", "7%", "--check")
     check_screen(metals.screen("plan", metals.case, *options))
 
 
