@@ -166,6 +166,24 @@ def note_calls(calls, name, method):
     return noting
 
 
+#: The names of what `quantities_of_pressures` computes.
+QUANTITIES_OF_PRESSURES = {
+    "area.total.raw",
+    "area.plastic.raw",
+    "area.elastic.raw",
+    "mean_pressure",
+    "cost.unknowns",
+    "quantity.mean_gap",
+    "quantity.mean_separation",
+    "quantity.mean_plastic_displacement",
+    "quantity.plastic_work",
+    "quantity.elastic_energy",
+    "quantity.largest_pressure",
+    "quantity.hardness",
+    "quantity.flowed_share",
+}
+
+
 def quantities_of_pressures(heights, spacing, pressures):
     """Compute the quantities of each load by numpy alone.
 
@@ -227,6 +245,7 @@ def test_every_figure_of_an_answer_follows_from_the_pressures(ran):
         result.steps, expected_at_loads, files, strict=True
     ):
         found = scalar_quantities(replace(result, steps=(step,)))
+        assert expected.keys() == QUANTITIES_OF_PRESSURES
         for name, value in expected.items():
             assert found[name] == pytest.approx(value, rel=1e-6, abs=1e-15), name
         raw, limit, error = (step.areas[kind].total for kind in KINDS)
@@ -526,31 +545,21 @@ def test_a_scene_is_described_by_its_numbers_and_units():
 
 
 def test_a_profile_is_that_of_the_fields():
+    state = np.array([0, 1, 2, 0, 0, 1])
     pressure = np.array([0.0, 3e3, 5e3, 0.0, 0.0, 1e3])
-    two = dict(maps.pressure_difference(np.eye(2), np.ones((2, 2)), (1.0, 1.0)).rows)
-    assert (two["mean_pressure_first_Pa"], two["mean_pressure_second_Pa"]) == (0.5, 1.0)
-    state, gap = (
-        np.array([0, 1, 2, 0, 0, 1]),
-        np.array([4e-6, 0.0, -1e-6, 2e-6, 1e-6, 0.0]),
-    )
+    gap = np.array([4e-6, 0.0, -1e-6, 2e-6, 1e-6, 0.0])
     chart = maps.contact_profile(state, pressure, gap, (2e-3,))
-    columns = [list(column) for column in zip(*chart.rows, strict=True)]
     assert chart.header == ("x_m", "state", "pressure_Pa", "gap_m")
-    assert columns == [
-        pytest.approx(2e-3 * np.arange(6)),
-        [*state],
-        [*pressure],
-        [*gap],
-    ]
+    columns = np.array(chart.rows).T
+    assert columns == pytest.approx(
+        np.array([2e-3 * np.arange(6), state, pressure, gap])
+    )
     left, right = chart.figure.axes
-    labels = [
-        (axes.get_xlabel(), axes.get_ylabel(), axes.get_title())
-        for axes in (left, right)
-    ]
-    assert labels == [
-        ("x (mm)", "height below the flat (µm)", "profile in contact"),
-        ("x (mm)", "pressure (kPa)", "contact pressure, mean 1.5 kPa"),
-    ]
+    assert left.get_title() == "profile in contact"
+    assert left.get_ylabel() == "height below the flat (µm)"
+    assert right.get_title() == "contact pressure, mean 1.5 kPa"
+    assert right.get_ylabel() == "pressure (kPa)"
+    assert left.get_xlabel() == right.get_xlabel() == "x (mm)"
     body, *contact = (each.get_paths()[0].vertices for each in left.collections)
     assert body[:, 1].max() == 0
     assert {*np.round(body[:, 1], 9)} >= {0.0, -1.0, -2.0, -4.0}
@@ -559,26 +568,35 @@ def test_a_profile_is_that_of_the_fields():
     assert drawn.get_paths()[0].vertices[:, 1].max() == 5.0
 
 
-# --- made-up numbers, no two alike
-# ----------------------------------------------------------------
+def test_a_difference_states_the_mean_of_each_pressure():
+    chart = maps.pressure_difference(np.eye(2), np.ones((2, 2)), (1.0, 1.0))
+    values = dict(chart.rows)
+    assert values["mean_pressure_first_Pa"] == 0.5
+    assert values["mean_pressure_second_Pa"] == 1.0
+
+
+# --- invented numbers, no two alike
+# ---------------------------------------------------------
 
 STATUSES = ("holds", "falls short", "error")
 HOSTILE = '</td><script src="http://evil.example/x.js">alert(1)</script> & "quoted"'
 
 
 def gate(number, status):
-    judged: dict[str, Any] = (
-        {"error": "no such thing"}
-        if status == "error"
-        else {
-            name: Estimate(
-                mean=(0.1 + 0.137 * i) * 1.9**number,
-                half_width_95=(0.011 + 0.0023 * i) * 1.9**number,
+    """Return the verdict on a gate whose values depend on its number from 0 to 8."""
+    size = 1.9**number
+    judged: dict[str, Any] = {}
+    if status == "error":
+        judged["error"] = "no such thing"
+    else:
+        for index, name in enumerate(("value", "reference", "difference")):
+            judged[name] = Estimate(
+                mean=(0.1 + 0.137 * index) * size,
+                half_width_95=(0.011 + 0.0023 * index) * size,
                 surfaces=8,
             )
-            for i, name in enumerate(("value", "reference", "difference"))
-        }
-    )
+    if number % 2:
+        judged["grid_error"] = 0.043 * size
     return GateVerdict(
         name=f"gate {number}",
         status=status,
@@ -590,116 +608,131 @@ def gate(number, status):
         high=0.047 + 0.013 * number,
         because="it must",
         source="",
-        grid_error=(None, 0.043 * 1.9**number)[number % 2],
-        half_width=0.029 * 1.9**number,
+        half_width=0.029 * size,
         kind=("identity", "closed form")[number % 2],
         subject=("theory", "inputs")[number // 6],
         **judged,
     )
 
 
+def case_of(number):
+    """Return the verdict on a case of one of STATUSES, with a gate of each status up to
+    its own.
+    """
+    statuses = STATUSES[: number + 1]
+    gates = [gate(3 * number + k, status) for k, status in enumerate(statuses)]
+    return CaseVerdict(
+        id=f"case-{number}",
+        status=STATUSES[number],
+        requirement="It holds.",
+        source="here",
+        skipped_because="",
+        size="fast",
+        methods={"bem": MethodEntry(surfaces=2, reused=0, errors=[])},
+        gates=gates,
+    )
+
+
 def verdict():
-    """One case for each status, with gates of every status in the worst of them."""
-    methods = {"bem": MethodEntry(surfaces=2, reused=0, errors=[])}
-    said: dict[str, Any] = {
-        "requirement": "It holds.",
-        "source": "here",
-        "skipped_because": "",
-    }
-    said |= {"size": "fast", "methods": methods}
-    gates = [[gate(3 * i + k, STATUSES[k]) for k in range(i + 1)] for i in range(3)]
-    cases = [
-        CaseVerdict(id=f"case-{i}", status=STATUSES[i], gates=gates[i], **said)
-        for i in range(3)
-    ]
-    return Verdict.on(cases, "fast")
+    """Return a verdict on one case for each status."""
+    return Verdict.on([case_of(number) for number in range(3)], "fast")
 
 
-def result(number):
-    size = lambda i, k: (0.3 - 0.047 * i) / (1 + 0.37 * k) / 1.13**number  # noqa: E731
-    areas = {
-        kind: Areas(*(size(i, k) for k in range(3))) for i, kind in enumerate(KINDS)
-    }
+def result_of_seed(seed):
+    """Return a result whose areas depend on the seed of its surface."""
+    areas = {}
+    for index, kind in enumerate(KINDS):
+        total = (0.3 - 0.047 * index) / 1.13**seed
+        areas[kind] = Areas(total, total / 1.37, total / 1.74)
     cost = {
         "seconds": 1.0,
         "unknowns": 4096.0,
         "peak_memory_bytes": 2.0**28,
         "fft_pairs": 90.0,
     }
-    made = Provenance("0123abcd", number)
     step = LoadStep(1.25e10, areas, {"gap": 2e-9}, {}, {"mean_gap": 3e-9})
-    return ContactResult("bem", (step,), made, cost=cost)
-
-
-def answers():
-    data = result(1).to_json()
-    return {
-        "bem": {
-            **data,
-            "ensemble": {"surfaces": ["seed7", "seed8"]},
-            "members": [data, data],
-        }
-    }
+    return ContactResult("bem", (step,), Provenance("0123abcd", seed), cost=cost)
 
 
 def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
+    result = result_of_seed(0)
     described = "1 load, contact area 0.253 ± 0.21 at 1.25e+10 Pa"
-    assert repr(result(0)) == f"<ContactResult of bem: {described}>"
-    table = ET.fromstring(result(0)._repr_html_())
+    assert repr(result) == f"<ContactResult of bem: {described}>"
+    table = ET.fromstring(result._repr_html_())
     cells = [cell.text for cell in table.iter("td")]
     assert {"loading", "1.25e+10", "0.253", "3e-09"} <= {*cells}
 
 
-def test_a_long_path_and_missing_numbers_in_words():
-    path = [1e3 * n for n in range(1, 12)]
-    assert report.value_text(path[:8], "Pa") == "1, 2, 3, 4, 5, 6, 7, 8 kPa"
-    assert report.value_text(path, "Pa") == "1, 2, 3, … 7 more …, 11 kPa"
-    assert report.value_text([1.25e-4, 2e-3], "m") == "0.125 × 2 mm"
-    assert report.value_text([32, 4096], "–") == "32 × 4096"
-    assert report.value_text(math.inf, "Pa") == "none"
-    numbers = [
-        report.number_text(v) for v in (1.23456, "inf", math.nan, None, "words", 0)
-    ]
-    assert numbers == ["1.235", "inf", "–", "", "words", "0"]
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        ([1e3 * n for n in range(1, 9)], "Pa", "1, 2, 3, 4, 5, 6, 7, 8 kPa"),
+        ([1e3 * n for n in range(1, 12)], "Pa", "1, 2, 3, … 7 more …, 11 kPa"),
+        ([1.25e-4, 2e-3], "m", "0.125 × 2 mm"),
+        ([32, 4096], "–", "32 × 4096"),
+        (math.inf, "Pa", "none"),
+    ],
+)
+def test_a_long_path_and_missing_numbers_in_words(value, unit, text):
+    assert report.value_text(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (1.23456, "1.235"),
+        ("inf", "inf"),
+        (math.nan, "–"),
+        (None, ""),
+        ("words", "words"),
+        (0, "0"),
+    ],
+)
+def test_numbers_have_four_digits(value, text):
+    assert report.number_text(value) == text
+
+
+def margin_of(gate):
+    """Return the margin of a gate, -1 if it was not judged."""
+    return -1 if math.isnan(gate.margin) else gate.margin
 
 
 def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_path):
-    told, found = verdict().content, defaultdict(list)
-    told["cases"][0]["gates"][0]["quantity"] = "area.total.raw"
-    write_report(
-        tmp_path / "x.html", told, {}, overview=overview(Verdict.model_validate(told))
-    )
+    content = verdict().content
+    content["cases"][0]["gates"][0]["quantity"] = "area.total.raw"
+    seen = overview(Verdict.model_validate(content))
+    write_report(tmp_path / "x.html", content, {}, overview=seen)
     page = tree_of(tmp_path / "x.html")
-    by_id = {each.get("id"): each for each in page.iter()}
+    margins = defaultdict(list)
+    cases = defaultdict(set)
     for case in verdict().cases:
-        for g in case.gates:
-            found[g.subject, g.kind].append(
-                (-1 if np.isnan(g.margin) else g.margin, case.id)
-            )
-    cells = {
-        (td.get("data-subject"), td.get("data-kind")): td for td in page.iter("td")
-    }
-    assert (
-        {*cells} - {(None, None)}
-        == {*itertools.product(SUBJECTS, REFERENCES)}
-        > {*found}
-    )
-    for place, judged in found.items():
+        for one in case.gates:
+            margins[one.subject, one.kind].append(margin_of(one))
+            cases[one.subject, one.kind].add(case.id)
+    cells = {}
+    for cell in page.iter("td"):
+        if cell.get("data-subject"):
+            cells[cell.get("data-subject"), cell.get("data-kind")] = cell
+    assert cells.keys() == {*itertools.product(SUBJECTS, REFERENCES)}
+    elements = {element.get("id"): element for element in page.iter()}
+    for place, margins_there in margins.items():
         link, number = cells[place]
-        worst, _ = min(judged)
+        worst = min(margins_there)
         assert link.text == ("–" if worst < 0 else f"{worst:.3g}")
-        assert number.text == f"{len(judged)}"
-        cases = {a.get("href")[1:] for a in by_id[link.get("href")[1:]].iter("a")}
-        assert cases == {name for _, name in judged}
-    uncovered = [name for tr in page.iter("tr") if (name := tr.get("data-uncovered"))]
-    assert uncovered == [name for name in QUANTITIES if name != "area.total.raw"]
+        assert number.text == f"{len(margins_there)}"
+        target = elements[link.get("href").removeprefix("#")]
+        listed = {each.get("href").removeprefix("#") for each in target.iter("a")}
+        assert listed == cases[place]
+    uncovered = [row.get("data-uncovered") for row in page.iter("tr")]
+    expected = [name for name in QUANTITIES if name != "area.total.raw"]
+    assert [name for name in uncovered if name] == expected
 
 
 def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
     """The interval of a difference holds what the results claim of their grids."""
     shown = verdict()
     write_report(tmp_path / "x.html", shown.content, {})
-    cells = page_of(tmp_path / "x.html")[2]
+    _, _, cells = page_of(tmp_path / "x.html")
     texts = {(about["quantity"], about["field"]): text for about, text in cells}
     judged = [gate for case in shown.cases for gate in case.gates if not gate.error]
     assert len(judged) == 5
@@ -716,24 +749,31 @@ def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
 
 
 def test_nothing_a_case_says_becomes_html(tmp_path):
-    told, found = verdict().content, {"case-0": answers()}
-    first = told["cases"][0]
-    first["requirement"] = first["gates"][0]["because"] = HOSTILE
-    first["gates"][0]["value"] = {"mean": "inf", "half_width_95": "nan", "surfaces": 1}
-    first["methods"]["bem"]["errors"] = [HOSTILE]
-    found["case-0"]["bem"]["members"][0]["notes"] = [HOSTILE]
+    content = verdict().content
+    case = content["cases"][0]
+    case["requirement"] = HOSTILE
+    case["methods"]["bem"]["errors"] = [HOSTILE]
+    for key in ("because", "subject", "kind", "name"):
+        case["gates"][0][key] = HOSTILE
+    case["gates"][0]["value"] = {"mean": "inf", "half_width_95": "nan", "surfaces": 1}
+    result = result_of_seed(1).to_json()
+    first = result | {"notes": [HOSTILE]}
+    ensemble = {"surfaces": ["seed7", "seed8"]}
+    saved = result | {"ensemble": ensemble, "members": [first, result]}
     picture = {"uri": "data:image/png;base64,iVBORw0KGgo=", "caption": HOSTILE}
-    first["gates"][0]["subject"] = first["gates"][0]["kind"] = first["gates"][0][
-        "name"
-    ] = HOSTILE
-    seen = overview(Verdict.model_validate(told))
     write_report(
-        tmp_path / "x.html", told, found, {"case-0": [picture]}, [HOSTILE], seen
+        tmp_path / "x.html",
+        content,
+        results={"case-0": {"bem": saved}},
+        pictures={"case-0": [picture]},
+        notes=[HOSTILE],
+        overview=overview(Verdict.model_validate(content)),
     )
-    text, pictures, data = page_of(tmp_path / "x.html")
-    assert (text.count(HOSTILE), pictures) == (14, {HOSTILE})
-    cores = f"cores {verdict().made.cores}"
-    assert all(
-        w in text for w in ("0123abcd", "256 MiB", "fft pairs 90", "such thing", cores)
-    )
-    assert next(text for about, text in data if about.get("field") == "value") == "inf"
+    text, captions, cells = page_of(tmp_path / "x.html")
+    assert text.count(HOSTILE) == 14
+    assert captions == {HOSTILE}
+    for words in ("0123abcd", "256 MiB", "fft pairs 90", "such thing"):
+        assert words in text
+    assert f"cores {verdict().made.cores}" in text
+    values = [text for about, text in cells if about.get("field") == "value"]
+    assert values[0] == "inf"
