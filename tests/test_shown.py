@@ -673,7 +673,7 @@ def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
         (math.inf, "Pa", "none"),
     ],
 )
-def test_a_long_path_and_missing_numbers_in_words(value, unit, text):
+def test_values_have_suitable_units(value, unit, text):
     assert report.value_text(value, unit) == text
 
 
