@@ -24,7 +24,6 @@ MOST_STALE = 0.03
 SCREENS = ("run", "verify", "report", "gates", "plan")
 #: Tests whose scene is solved once for all of them, and for a fault once more.
 SLOW_TESTS = (
-    "every_figure_of_an_answer_follows_from_the_pressures",
     "a_view_shows_the_fields",
     "a_field_file_is_that_of_the_last_load",
     "a_chart_shows_the_fields_and_the_figures",

@@ -259,3 +259,8 @@ material.hardness = [3e9, 6e9, 12e9]
     done = invoke("sweep", case, "--output", tmp_path, "--jobs", 1)
     assert done.returncode == 0
     check_screen(done.stdout.replace(str(tmp_path), "HOME"))
+
+
+def test_every_saved_screen_belongs_to_a_test():
+    files = Path(__file__).with_suffix("").glob("*.txt")
+    assert {file.stem for file in files} <= {*globals()}
