@@ -153,24 +153,24 @@ def test_errors_of_finite_elements_fall():
     """
     errors = drawn("fem", 1).set_index("series")["relative_error"]
     assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
-    deep = [fem.depth_error(1, depth)["relative_error"] for depth in (0.25, 0.5, 1.0)]
-    assert (
-        deep[0] > deep[1] > deep[2] < 2e-3
-    )  # 64 nodes a wave leave 1e-3 of discretisation
+    shallow, deep, deepest = (
+        fem.depth_error(1, depth)["relative_error"] for depth in (0.25, 0.5, 1.0)
+    )
+    assert shallow > deep > deepest
+    assert deepest < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
     one, two = of_kind(drawn("fem", 4), "mean gap")
     assert two < one < 0.05
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
-    charts, ends = charts_of("gamma"), (".png", ".svg", ".csv", ".txt")
-    paths = save_charts("alone", charts[:1], tmp_path) + save_charts(
-        "pair", charts, tmp_path
-    )
-    stems = sorted(
-        f"{stem}{end}" for stem in ("alone", "pair-1", "pair-2") for end in ends
-    )
-    assert sorted(path.name for path in paths) == stems
-    assert sorted(path.name for path in tmp_path.iterdir()) == stems
+    charts = charts_of("gamma")
+    paths = save_charts("alone", charts[:1], tmp_path)
+    paths += save_charts("pair", charts, tmp_path)
+    names = []
+    for stem in ("alone", "pair-1", "pair-2"):
+        names += [f"{stem}{end}" for end in (".csv", ".png", ".svg", ".txt")]
+    assert sorted(path.name for path in paths) == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
 
 
 def test_rows_are_the_product_of_the_axes():
@@ -187,36 +187,43 @@ def test_rows_are_the_product_of_the_axes():
     assert said[1] == "load 0.5, law b"
 
 
-def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_average_out():
-    columns = {
-        "law": [*"babba"],
-        "x": [2.0, 5, 4, 9, 7],
+#: Three surfaces under one law and two under another, with Student's t for each.
+SURFACES = pd.DataFrame(
+    {
+        "law": ["b", "a", "b", "b", "a"],
+        "x": [2.0, 5.0, 4.0, 9.0, 7.0],
         "share": [0.05, 0.5, 0.1, 0.9, 0.7],
+        "claim": [0.3, 0.1, 0.6, 0.9, 0.2],
+        "seed": [1, 1, 2, 3, 2],
     }
-    table = pd.DataFrame(
-        columns | {"claim": [0.3, 0.1, 0.6, 0.9, 0.2], "seed": [1, 1, 2, 3, 2]}
-    )
-    for value, error in (("x", ""), ("x", "claim"), ("share", "claim")):
-        found = mean_with_interval(table, value, ["law"], error)
-        found = (
-            found[["law", value, f"{value}_low", f"{value}_high"]].to_numpy().tolist()
-        )
-        for (law, *told), t in zip(
-            found, (4.302653 / 3**0.5, 12.706205 / 2**0.5), strict=True
-        ):
-            one = table[table["law"] == law]
-            mean, claim = one[value].mean(), one[error].mean() if error else 0.0
-            half = math.hypot(t * np.std(one[value], ddof=1), claim)
-            low, high = (
-                (max(mean - half, 0), min(mean + half, 1))
-                if value == "share"
-                else (mean - half, mean + half)
-            )
-            assert told == pytest.approx([mean, low, high], rel=1e-6)
-    means = root_mean_square(table, "x", ["law"])
-    assert means[["x", "share"]].to_numpy() == pytest.approx(
-        np.array([[(101 / 3) ** 0.5, 0.35], [37**0.5, 0.6]])
-    )
+)
+STUDENT = {"a": 12.706205 / math.sqrt(2), "b": 4.302653 / math.sqrt(3)}
+
+
+@pytest.mark.parametrize(
+    ("value", "error"), [("x", ""), ("x", "claim"), ("share", "claim")]
+)
+def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_average_out(
+    value, error
+):
+    found = mean_with_interval(SURFACES, value, ["law"], error).set_index("law")
+    assert len(found) == 2
+    for law, surfaces in SURFACES.groupby("law"):
+        mean = surfaces[value].mean()
+        half_width = STUDENT[law] * surfaces[value].std()
+        if error:
+            half_width = math.hypot(half_width, surfaces[error].mean())
+        ends = [mean - half_width, mean + half_width]
+        if value == "share":
+            ends = np.clip(ends, 0, 1).tolist()  # of the area
+        row = found.loc[law, [value, f"{value}_low", f"{value}_high"]]
+        assert row.tolist() == pytest.approx([mean, *ends], rel=1e-6)
+
+
+def test_root_mean_squares_are_taken_for_each_law():
+    means = root_mean_square(SURFACES, "x", ["law"])
+    expected = [[math.sqrt(101 / 3), 0.35], [math.sqrt(37), 0.6]]
+    assert means[["x", "share"]].to_numpy() == pytest.approx(np.array(expected))
 
 
 # --- materials and joints
@@ -284,8 +291,9 @@ def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():
     errors = {}
     for number, chart in enumerate(charts_of("treatment"), 1):
         quantity = chart.caption.partition(":")[2].partition(",")[0].strip()
-        squares = drawn("treatment", number).groupby("series")["error"]
-        errors[quantity] = squares.agg(lambda error: math.sqrt(np.mean(error**2)))
+        table = drawn("treatment", number)
+        table["square"] = table["error"] ** 2
+        errors[quantity] = np.sqrt(table.groupby("series")["square"].mean())
     conductance = errors["conductance"]
     assert conductance["mirrored"] < 0.1 < conductance["periodic"]
     percolation = errors["gap percolation"]
@@ -311,46 +319,49 @@ def test_the_errors_of_the_theory_are_those_that_a_result_reports():
 # --------------------------------------------------------------------------------------
 
 
+def fits_of_gamma(width, gamma, gamma_elastic):
+    """Fit gamma to areas of the theory at one gamma, and at another without hardness.
+
+    Args:
+        width: half-width of the interval of an area over the area.
+        gamma: energy reduction of the body with hardness.
+        gamma_elastic: energy reduction of the elastic body.
+    """
+    fits = []
+    for name in theory.AREAS:
+        part, hardness, reduction = "total", math.inf, gamma_elastic
+        if name in theory.PARTS:
+            part, hardness, reduction = name, scenes.HARDNESS, gamma
+        diffusion = reduction * scenes.MODULUS**2 / 8
+        contact = persson.areas(diffusion, scenes.MEAN_PRESSURE, hardness)
+        area = float(getattr(contact, part))
+        row = {
+            "area": name,
+            "area_fraction": area,
+            "area_fraction_low": area * (1 - width),
+            "area_fraction_high": area * (1 + width),
+        }
+        fits.append(theory.fit_gamma(theory.theory_areas(), row))
+    return fits
+
+
 def test_areas_of_the_theory_give_back_their_gamma():
-    table, tau = theory.theory_areas(), scenes.MODULUS**2 / 8
-
-    def fits(width, g, elastic):
-        """The fits of the theory's areas at a gamma, and at another one of the elastic
-        body.
-        """
-        found = []
-        for name in theory.AREAS:
-            capped = (name, scenes.HARDNESS, g)
-            part, cap, gamma = (
-                capped if name in theory.PARTS else ("total", math.inf, elastic)
-            )
-            area = getattr(persson.areas(gamma * tau, scenes.MEAN_PRESSURE, cap), part)
-            ends = {"_low": 1 - width, "": 1.0, "_high": 1 + width}
-            told = {
-                f"area_fraction{end}": float(area) * times
-                for end, times in ends.items()
-            }
-            found.append(theory.fit_gamma(table, told | {"area": name}))
-        return found
-
     # The table's steps of 0.005, between which it is linear, leave curvature times
     # 3e-6.
-    same = np.array(fits(1e-3, 0.536, 0.536))
-    assert same[:, 0] == pytest.approx(0.536, abs=2e-5)
+    fits = np.array(fits_of_gamma(1e-3, 0.536, 0.536))
+    assert fits[:, 0] == pytest.approx(0.536, abs=2e-5)
+    assert theory.one_gamma(fits_of_gamma(1e-3, 0.5, 0.5))
+    assert not theory.one_gamma(fits_of_gamma(1e-3, 0.5, 0.6))
     # Intervals wide enough to hold both are no evidence.
-    for width, elastic, one in (
-        (1e-3, 0.5, True),
-        (1e-3, 0.6, False),
-        (0.2, 0.6, True),
-    ):
-        assert theory.one_gamma(fits(width, 0.5, elastic)) == one
-    none = dict.fromkeys(
-        ("area_fraction", "area_fraction_low", "area_fraction_high"), 0.9
-    )
-    lost = theory.fit_gamma(table, none | {"area": "total"})
-    assert np.isnan(lost).all()
+    assert theory.one_gamma(fits_of_gamma(0.2, 0.5, 0.6))
     # No gamma fits the capped and the elastic body of boundary elements.
     assert "no single gamma fits" in charts_of("gamma")[0].caption
+
+
+def test_an_area_that_no_gamma_gives_has_no_fit():
+    ends = ("area_fraction", "area_fraction_low", "area_fraction_high")
+    row = dict.fromkeys(ends, 0.9) | {"area": "total"}
+    assert np.isnan(theory.fit_gamma(theory.theory_areas(), row)).all()
 
 
 def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_does():
@@ -372,30 +383,27 @@ def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_doe
 
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
     scene = scenes.rough_scene(4, 1, 8)
-    known = theory.theory_values(scene)
-    exact = scenes.solve_theory(scene)
-    G, load, cap = (
-        exact.final.quantities["diffusion"],
-        scenes.MEAN_PRESSURE,
-        scenes.HARDNESS,
-    )
-    # A million pressures, evenly by their share of the area, as a field of boundary
+    result = scenes.solve_theory(scene)
+    G = result.final.quantities["diffusion"]
+    hardness = scenes.HARDNESS
+    # A million pressures, evenly by their fraction of the area, as a field of boundary
     # elements.
-    sigma, share = np.linspace(0, cap, 20001), (np.arange(1_000_000) + 0.5) / 1_000_000
-    pressure = np.interp(
-        share, persson.pressure_cumulative(sigma, G, load, cap), sigma, right=0.0
-    )
-    pressure[share > 1 - exact.final.areas["raw"].plastic] = cap
-    found = theory.end_values(replace(exact, fields={"pressure": pressure}), 4)
-    found, known = (pd.DataFrame(each).set_index("end") for each in (found, known))
-    for end, at in (("0+", "zero"), ("hardness-", "hardness")):
-        slope = known[theory.SLOPE][end]
+    fraction = (np.arange(1_000_000) + 0.5) / 1_000_000
+    sigma = np.linspace(0, hardness, 20001)
+    cumulative = persson.pressure_cumulative(sigma, G, scenes.MEAN_PRESSURE, hardness)
+    pressure = np.interp(fraction, cumulative, sigma, right=0.0)
+    pressure[fraction > 1 - result.final.areas["raw"].plastic] = hardness
+    drawn_result = replace(result, fields={"pressure": pressure})
+    found = pd.DataFrame(theory.end_values(drawn_result, 4)).set_index("end")
+    expected = pd.DataFrame(theory.theory_values(scene)).set_index("end")
+    for end, place, sign in (("0+", "zero", 1), ("hardness-", "hardness", -1)):
+        slope = expected[theory.SLOPE][end]
         assert found[theory.SLOPE][end] == pytest.approx(slope, rel=2e-3)
         assert abs(found[theory.DENSITY][end]) < 2e-3
         # P bends down from both its ends, so that the mean slope is below that at the
-        # very end. It rises from zero pressure, and falls towards the hardness.
-        sign = 1 if at == "zero" else -1
-        steepest = sign * cap**2 * exact.final.quantities[f"density_slope_at_{at}"]
+        # very end.  It rises from zero pressure, and falls towards the hardness.
+        steepest = result.final.quantities[f"density_slope_at_{place}"]
+        steepest *= sign * hardness**2
         assert 0.9 * steepest < slope < steepest
 
 
@@ -475,10 +483,12 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
         return np.full(heights.shape, load)
 
     solvers = {"ContactMechanics": same, "tamaas": wrong, "slow": late}
-    call = lambda function, solve, limit: function(solve)  # noqa: E731
-    found = pd.DataFrame(
-        {"law": "capped"} | row for row in peers.race("capped", 8, solvers, call)
-    )
+
+    def call(function, solve, limit):
+        """Call a solver in this process, without a time limit."""
+        return function(solve)
+
+    found = pd.DataFrame(peers.race("capped", 8, solvers, call)).assign(law="capped")
     assert found["agrees"].tolist() == [True, False, False, True, True]
     plot, table, title = peers.race_chart(found)
     named = [("ContactMechanics", ""), *(("epcontact", aim) for aim in cost.AIMS)]
