@@ -179,7 +179,8 @@ def write_image(
     if Path(path).suffix != ".vti":
         raise OutputError(f"cannot write {path}: a field file must be named .vti")
     shapes = {np.shape(field) for field in fields.values()}
-    if len(shapes) != 1 or len(min(shapes)) != len(spacing) or len(spacing) > 2:
+    dimensions = {len(shape) for shape in shapes}
+    if len(shapes) != 1 or dimensions != {len(spacing)} or len(spacing) > 2:
         raise ValueError(
             f"fields of the shapes {shapes} lie on no grid of spacing {spacing}"
         )

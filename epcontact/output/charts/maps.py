@@ -290,13 +290,17 @@ def stability_map(
     """
     from matplotlib.colors import LogNorm
 
-    x_values, y_values = (np.asarray(v, dtype=np.float64).ravel() for v in (x, y))
+    x_values = np.ravel(x).astype(np.float64)
+    y_values = np.ravel(y).astype(np.float64)
     tables = {name: np.asarray(e, dtype=np.float64) for name, e in effort.items()}
-    finite = np.concatenate([t[np.isfinite(t)] for t in tables.values()])
-    low, high = 1.0, 10.0
-    if finite.size:
-        low, high = float(finite.min()), float(finite.max())
-    norm = LogNorm(max(low, 1.0), max(high, low + 1.0, 2.0))
+    efforts = np.concatenate([np.ravel(table) for table in tables.values()])
+    efforts = efforts[np.isfinite(efforts)]
+    lowest = 1.0
+    highest = 10.0
+    if efforts.size:
+        lowest = float(efforts.min())
+        highest = float(efforts.max())
+    norm = LogNorm(max(lowest, 1.0), max(highest, lowest + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
@@ -316,12 +320,12 @@ def stability_map(
             axes.set_yticks(*_few_ticks(y_values))
         panels[0].set_ylabel(typeset(labels[1]))
         figure.colorbar(image, ax=list(panels), label=f"{count} (crossed: failed)")
-    rows = [
-        (name, float(x_values[i]), float(y_values[j]), float(table[i, j]))
-        for name, table in tables.items()
-        for i, j in np.ndindex(table.shape)
-    ]
-    return Chart(figure, ("method", labels[0], labels[1], count), rows, caption)
+    rows = []
+    for name, table in tables.items():
+        for i, j in np.ndindex(table.shape):
+            numbers = (x_values[i], y_values[j], table[i, j])
+            rows.append((name, *map(float, numbers)))
+    return Chart(figure, ("method", *labels, count), rows, caption)
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:

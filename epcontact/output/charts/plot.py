@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from epcontact.output.charts.figures import Chart, logarithmic, new_figure, styled
 from epcontact.output.charts.style import (
@@ -111,6 +111,10 @@ class _Series:
     mark_key: Any
 
     @property
+    def is_finite(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.x) & np.isfinite(self.y)
+
+    @property
     def has_bounds(self) -> bool:
         return not np.isnan(self.low).all()
 
@@ -149,8 +153,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     """
     groups = table.groupby(list(plot.series), sort=False, dropna=False)
     all_series = [_series(values, group, plot) for values, group in groups]
-    finite = [np.isfinite(one.x) & np.isfinite(one.y) for one in all_series]
-    if not any(map(np.any, finite)):
+    if not any(one.is_finite.any() for one in all_series):
         raise ValueError("there is nothing to draw: no series has a finite point")
     warning = _interval_warning(all_series)
     looks = _looks(all_series, plot)
@@ -159,7 +162,9 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         shifts = _bar_shifts(all_series)
         for one, look, shift in zip(all_series, looks, shifts, strict=True):
             _draw_series(axes, one, look, plot, shift)
-        axes.set(xlabel=typeset(plot.x[1]), ylabel=typeset(plot.y[1]), **plot.limits)
+        axes.set_xlabel(typeset(plot.x[1]))
+        axes.set_ylabel(typeset(plot.y[1]))
+        axes.set(**plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
         if plot.ticks:
@@ -265,7 +270,7 @@ def _draw_series(
         order = abs(observed_order(one.x, one.y))
         if math.isfinite(order):
             label = f"{one.name}: order {order:.2f}"
-    drawn = np.isfinite(one.x) & np.isfinite(one.y)
+    drawn = one.is_finite
     if "y" in plot.log:
         drawn &= one.y > 0
     x_scale, y_scale = plot.scale
@@ -375,7 +380,8 @@ def observed_order(x: ArrayLike, y: ArrayLike) -> float:
     good = (x > 0) & (y > 0) & np.isfinite(x) & np.isfinite(y)
     if np.unique(x[good]).size < 2:
         return float("nan")
-    return float(np.polyfit(np.log(x[good]), np.log(y[good]), 1)[0])
+    slope, _ = np.polyfit(np.log(x[good]), np.log(y[good]), 1)
+    return float(slope)
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
@@ -390,6 +396,8 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
     """
     pairs = np.column_stack([np.ravel(cost), np.ravel(error)]).astype(np.float64)
     pairs = pairs[np.isfinite(pairs).all(axis=1)]
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    least_before = np.concatenate([[np.inf], np.minimum.accumulate(pairs[:, 1])[:-1]])
-    return pairs[pairs[:, 1] < least_before]
+    costs, errors = pairs.T
+    by_cost = pairs[np.lexsort((errors, costs))]
+    errors = by_cost[:, 1]
+    least_before = np.minimum.accumulate([np.inf, *errors[:-1]])
+    return by_cost[errors < least_before]
