@@ -36,7 +36,7 @@ TOKENS = {
     "epcontact.errors": 362,
     "epcontact.files": 859,
     "epcontact.harness": 37_126,
-    "epcontact.interface": 2_639,
+    "epcontact.interface": 2_698,
     "epcontact.machine": 1_255,
     "epcontact.materials": 1_664,
     "epcontact.output": 14_509,

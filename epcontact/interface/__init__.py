@@ -1,10 +1,12 @@
-"""The interface under load: its stiffness, its conductance, its patches and percolation.
+"""A contact under load: its stiffness, its conductance, its patches and percolation.
 
-stiffness    stiffness and conductance of a contact, as limits of a vanishing spacing
-punch        the flat punch on the points of a contact, on the grid
-rim          how the rim of a contact leads from the grid to the limit
-percolation  the connected patches of a mask, and the area fraction that percolates
-limit        a value of the grid with its limit and the error of the limit
+    stiffness    stiffness and conductance of a contact, and what carries a change
+    rim          from the grid to the limit of a vanishing spacing, by the contact's rim
+    punch        the flat punch on the points of a contact, on the grid
+    percolation  connected patches of a mask, and the area fraction that percolates
+    limit        a value of the grid, its limit, and the error of the limit
+
+Each module imports only from those below it.
 """
 
 from epcontact.interface.limit import Limit

@@ -6,14 +6,21 @@ from typing import NamedTuple
 
 
 class Limit(NamedTuple):
-    """A value in the limit of a vanishing grid spacing, as from the areas of a result.
+    """A value in the limit of a vanishing grid spacing.
+
+    All three have the unit of the value.
 
     Attributes:
         corrected: the estimate of the limit.
-        raw: the value of the grid's own points.
-        error: the estimated absolute error of `corrected`, which covers some 94 of 100.
+        raw: the value on the grid.
+        error: the estimated absolute error of `corrected`; some 94 of 100 errors are
+            smaller.
     """
 
     corrected: float
     raw: float
     error: float
+
+    def times(self, factor: float) -> Limit:
+        """Return the limit of the value times a positive factor."""
+        return Limit(factor * self.corrected, factor * self.raw, factor * self.error)

@@ -1,11 +1,14 @@
-"""Connected patches of a mask on a periodic grid, and the area fraction that percolates.
+"""Connected patches of a periodic mask, and the area fraction that percolates.
 
-Points join their patches one by one (Newman and Ziff, Phys. Rev. E 64, 016706 (2001)).
-Each patch is a tree: every point has a parent, whose own parent leads on to the root.
-With the parent a point keeps the displacement to it, counted in points without the
-period.  If a neighbour has the same root, the step to it and the displacements of both
-to the root add up to 0, unless the patch meets its own periodic image: then it spans
-the period (Machta et al., Phys. Rev. E 54, 1332 (1996)).
+A patch percolates if it connects with its own periodic image.  Points join their
+patches one by one (Newman and Ziff, Phys. Rev. E 64, 016706 (2001)).  Each patch is a
+tree: every point has a parent in its patch, and the parents lead to the root.  With its
+parent a point keeps the displacement to it, counted in points without the period.
+
+If a neighbour has the same root, there are two ways from the point to the root: its own
+one, and the step to the neighbour with the neighbour's way.  Their displacements are
+equal, unless the patch meets its own periodic image (Machta et al., Phys. Rev. E 54,
+1332 (1996)).
 
 A displacement of x rows and y columns is kept as one number, x ROW + y, so that
 displacements add and compare as numbers do.
@@ -26,7 +29,7 @@ from epcontact.interface.limit import Limit
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: A displacement of one row, beside which any displacement in columns is small.
+#: The number of a displacement by one row.  Displacements in columns are far smaller.
 ROW = 1 << 32
 
 
@@ -34,8 +37,8 @@ class Patches(NamedTuple):
     """The connected patches of a mask on a periodic grid.
 
     Attributes:
-        areas: (n,) areas of the patches over the nominal area, the largest first.
-        spans: True if a patch connects with its own periodic image: it percolates.
+        areas: (patches,) their areas over the nominal area, the largest first.
+        spans: True if a patch percolates.
     """
 
     areas: NDArray[np.float64]
@@ -69,12 +72,10 @@ def number_patches(mask: Mask, diagonals: bool = False) -> tuple[Indices, bool]:
 
     Returns:
         The numbers, counted from 0, of the points in the order of `mask.nonzero()`; and
-        True if a patch connects with its own periodic image.
+        True if a patch percolates.
     """
     points = np.flatnonzero(mask)
-    parent, offset = _empty_forest(mask.size)
-    steps = _steps_to_neighbours(mask.ndim, diagonals)
-    count = join_points(points, _rows_and_columns(mask), steps, parent, offset, False)
+    count, parent, offset = _join(points, mask.shape, diagonals, stop=False)
     roots = find_roots(points, parent, offset)
     is_root = parent == np.arange(mask.size)
     number_of_root = np.cumsum(is_root) - 1
@@ -84,17 +85,18 @@ def number_patches(mask: Mask, diagonals: bool = False) -> tuple[Indices, bool]:
 def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
     """Return the smallest fraction of the area, closest points first, that percolates.
 
-    A neck of the contact between two points that touch at a corner is there or not.
-    Points that connect over their sides only percolate too late, and points that
-    connect over their corners as well too early.  The limit is the mean of the two.
-    Its error is half of their difference together with the root mean square of the
-    differences between the limit and those of every second point.  The error covers
-    some 94 of 100 cases.
+    A grid does not show whether two points that touch at a corner are connected.  If
+    points connect over their sides only, they percolate too late, and if they connect
+    over their corners as well, too early.  The limit is the mean of the two fractions.
+
+    The error has two parts: half of the difference of these fractions, and the root
+    mean square of the differences between the limit and those of every second point.
 
     Args:
-        closeness: (nx, ny) or (nx,), larger where the surfaces are closer: for example
-            minus the gap.  With its sign changed, the function returns the fraction at
-            which the open gap percolates.
+        closeness: (nx, ny) or (nx,), at least two points a direction; larger where the
+            surfaces are closer, for example minus the gap.  With its sign changed, the
+            function returns the fraction at which the open gap percolates.  Of equal
+            values the one with the smaller index counts as closer.
 
     Returns:
         The limit; its `raw` value is that of points that connect over their sides.
@@ -122,31 +124,38 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
 def _spanning_fractions(rank: Indices) -> tuple[float, float]:
     """Return the fractions that percolate: connected by sides, and by corners as well.
 
-    rank: the order of the points (nx, ny) or (nx,), no two of which have the same rank.
+    rank: (nx, ny) or (nx,), smaller for points that join earlier; all are different.
     """
     order = np.argsort(rank, axis=None)
-    fractions = []
-    for diagonals in (False, True):
-        forest = _empty_forest(order.size)
-        steps = _steps_to_neighbours(rank.ndim, diagonals)
-        count = join_points(order, _rows_and_columns(rank), steps, *forest, True)
-        fractions.append(count / order.size)
-    return fractions[0], fractions[1]
+    by_sides = _join(order, rank.shape, diagonals=False, stop=True)[0]
+    by_corners = _join(order, rank.shape, diagonals=True, stop=True)[0]
+    return by_sides / order.size, by_corners / order.size
 
 
-def _rows_and_columns(array: NDArray[Any]) -> tuple[int, int]:
-    """Return the shape of a grid; a line is a grid of one row."""
-    return (1, array.size) if array.ndim == 1 else (array.shape[0], array.shape[1])
+def _join(
+    order: Indices, shape: tuple[int, ...], diagonals: bool, stop: bool
+) -> tuple[int, NDArray[Any], NDArray[np.int64]]:
+    """Join points of an empty grid to patches in the given order; see `join_points`.
 
-
-def _empty_forest(size: int) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return parents of -1, which mean that no point has joined, and displacements."""
+    Returns how many points had joined when a patch first percolated, or 0, and the
+    trees of the patches: parents, which are -1 where no point has joined, and
+    displacements to the parents.
+    """
+    size = math.prod(shape)
     integer = np.int32 if size < 2**31 else np.int64
-    return np.full(size, -1, dtype=integer), np.zeros(size, dtype=np.int64)
+    parent = np.full(size, -1, dtype=integer)
+    offset = np.zeros(size, dtype=np.int64)
+    rows = size // shape[-1]
+    steps = _steps_to_neighbours(len(shape), diagonals)
+    count = join_points(order, (rows, shape[-1]), steps, parent, offset, stop)
+    return count, parent, offset
 
 
 def _steps_to_neighbours(dimensions: int, diagonals: bool) -> Indices:
-    """Return the steps (m, 2) in rows and columns from a point to its neighbours."""
+    """Return the steps (steps, 2) in rows and columns from a point to its neighbours.
+
+    dimensions: 1 for a line, whose points have neighbours along the second axis only.
+    """
     steps = np.argwhere(np.ones((3,) * dimensions)) - 1
     distance = np.abs(steps).sum(axis=1)
     farthest = dimensions if diagonals else 1
@@ -168,8 +177,8 @@ def periodic_index(index: int, size: int) -> int:
 def find_root(parent: Any, offset: Any, point: int) -> tuple[int, int]:
     """Return the root of a point's patch, and the displacement from the point to it.
 
-    On the way each point is attached to the parent of its parent, which keeps the way
-    of later calls short.
+    The points on the way are attached to the parents of their parents, which shortens
+    later ways.
     """
     displacement = 0
     while parent[point] != point:
@@ -202,10 +211,11 @@ def join_points(
     """Join points to their patches in the given order.
 
     order: flat indices of the points; shape: rows and columns of the periodic grid;
-    steps: from a point to its neighbours; parent, offset: the trees, which are changed;
-    stop: True to join no further point once a patch spans the period.
+    steps: from a point to its neighbours; parent, offset: the trees, which are changed,
+    with parents of -1 for points that have not joined; stop: True to end when a patch
+    percolates.
 
-    Returns how many points had joined when a patch first spanned the period, or 0.
+    Returns how many points had joined when a patch first percolated, or 0.
     """
     rows, columns = shape
     spanning = 0
