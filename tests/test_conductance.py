@@ -158,14 +158,17 @@ def test_the_table_can_be_made_again(hardness):
     assert found["patches"].item() == pytest.approx(kept["patches"], rel=0.01)
 
 
-def test_the_laboratory_knows_spots():
+def test_round_spots_conduct_by_holm_and_greenwood():
     """Greenwood's sum on one round spot is Holm's with the images of the period."""
-    n, C = 64, laboratory.compliance(study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8))
-    C.flat[0] = 0.0
-    x, y = np.meshgrid(*[(np.arange(n) + 0.5) / n - 0.5] * 2, indexing="ij")
-    mask = np.roll(np.hypot(x, y) < 0.2, (40, 11), (0, 1))
-    holm, greenwood = laboratory.by_spots(mask, C)
-    assert holm == pytest.approx(1 / (2 * 0.2), rel=0.01)
+    n = 64
+    radius = 0.2
+    compliance = laboratory.compliance(study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8))
+    compliance.flat[0] = 0.0
+    position = (np.arange(n) + 0.5) / n - 0.5
+    spot = np.hypot(position[:, None], position) < radius
+    mask = np.roll(spot, (40, 11), (0, 1))  # across the edges of the period
+    holm, greenwood = laboratory.by_spots(mask, compliance)
+    assert holm == pytest.approx(1 / (2 * radius), rel=0.01)
     assert greenwood - holm == pytest.approx(-laboratory.MADELUNG / math.pi, rel=1e-6)
 
 

@@ -209,34 +209,44 @@ def ranges(table):
 
 
 def by_spots(mask, C):
-    """1/k of unit E* and period by Holm's and by Greenwood's sum over the patches of a
-    mask.
+    """Return 1/k by Holm's and by Greenwood's sum over the patches of a mask.
 
-    The pressure of a patch is that of a disc of its area, in proportion to its radius.
+    E* and the period are 1.  The pressure of a patch is that of a disc of its area, in
+    proportion to its radius.  C: compliance of each mode, 0 for the mean.
     """
-    of_point = number_patches(mask)[0]
-    n = mask.shape[0]
-    radius = np.sqrt(np.bincount(of_point) / mask.size / math.pi)
+    patch_of_point, _ = number_patches(mask)
+    radius = np.sqrt(np.bincount(patch_of_point) / mask.size / math.pi)
     force = radius / radius.sum()
-    turns = np.exp(2j * np.pi * np.argwhere(mask) / n)  # a mean place on a period
-    sums = np.array(
-        [np.bincount(of_point, f(t)) for t in turns.T for f in (np.real, np.imag)]
-    )
-    places = [np.angle(a + 1j * b) / (2 * np.pi) * n for a, b in (sums[:2], sums[2:])]
     loads = np.zeros(mask.shape)
-    one = np.zeros(mask.shape)
-    np.add.at(
-        loads, tuple(np.round(p).astype(int) % n for p in places), force * mask.size
-    )
-    one[0, 0] = mask.size
+    np.add.at(loads, _centres(mask, patch_of_point), force * mask.size)
+    unit_load = np.zeros(mask.shape)
+    unit_load[0, 0] = mask.size
 
-    def sunk(p):
+    def displacement(pressure):
         """Return the displacement of a pressure field."""
-        return np.fft.irfft2(C * np.fft.rfft2(p), mask.shape)
+        return np.fft.irfft2(C * np.fft.rfft2(pressure), mask.shape)
 
     holm = 1 / (2 * radius.sum())
-    others = (loads * sunk(loads)).mean() - (force**2).sum() * sunk(one)[0, 0]
-    return holm, holm + others - MADELUNG / math.pi * (force**2).sum()
+    own_displacement = displacement(unit_load)[0, 0]
+    square_force = (force**2).sum()
+    mutual = (loads * displacement(loads)).mean() - square_force * own_displacement
+    return holm, holm + mutual - MADELUNG / math.pi * square_force
+
+
+def _centres(mask, patch_of_point):
+    """Return the grid indices (rows, columns) of the mean position of each patch.
+
+    The mean of positions on a period is the direction of the mean of their unit
+    vectors.
+    """
+    centres = []
+    for index, points in zip(np.nonzero(mask), mask.shape, strict=True):
+        angle = 2 * np.pi * index / points
+        east = np.bincount(patch_of_point, np.cos(angle))
+        north = np.bincount(patch_of_point, np.sin(angle))
+        position = np.arctan2(north, east) / (2 * np.pi) * points
+        centres.append(np.round(position).astype(int) % points)
+    return tuple(centres)
 
 
 def spots(seeds=range(1, 5)):
