@@ -3,17 +3,18 @@ compared.
 
 Conventions of every module
 ---------------------------
-axes          arrays are [x, y], row index first; lines are [x]; z points up, out of the body
-body          the rough elastoplastic body is below, with heights h measured upward; the rigid
-              flat comes from above
+axes          arrays are [x, y], row index first; lines are [x]; z points up, out of
+              the body
+body          the rough elastoplastic body is below, with heights h measured upward;
+              the rigid flat comes from above
 pressure      compression positive; 0 <= p <= hardness where the pressure is capped
 displacement  u of the surface, downward positive, of zero mean on the half-space
-gap           g = z - (h - u), with z the height of the rigid flat: g >= 0 where p = 0, g = 0 in
-              elastic contact, g <= 0 where the pressure is capped; -g is the plastic
-              displacement
-compliance    u_q = C(q) p_q of each mode; C(0) of a half-space is undefined, set to 0 and never
-              reported; of a layer of depth d it is d / M, M = E (1 - nu) / ((1 + nu)(1
-              - 2 nu))
+gap           g = z - (h - u), with z the height of the rigid flat: g >= 0 where
+              p = 0, g = 0 in elastic contact, g <= 0 where the pressure is capped;
+              -g is the plastic displacement
+compliance    u_q = C(q) p_q of each mode; C(0) of a half-space is undefined, set to
+              0 and never reported; of a layer of depth d it is d / M, with
+              M = E (1 - nu) / ((1 + nu)(1 - 2 nu))
 Fourier       numpy.fft's sign, forward unscaled
 surfaces      C(q) is the two-dimensional power spectral density in m^4, with
               h_rms^2 = 2 pi int q C dq and xi^2 = 2 pi int q^3 C dq (xi: rms slope)
@@ -21,15 +22,16 @@ lines         C1(q) is the one-dimensional density in m^3 over positive q, with
               h_rms^2 = int C1 dq and xi^2 = int q^2 C1 dq
 wave numbers  rad/m; q_0 = 2 pi / L of a period L
 moduli        E* = E / (1 - nu^2), the counterface being rigid
-strength      hardness (sigma_P, caps the contact pressure) and yield_stress (sigma_Y, J2) are
-              two inputs; a case gives both and says where their ratio comes from
-tolerances    dimensionless: a gap is divided by h_rms (by p0 dx / E* for a flat surface), a
-              pressure by the mean pressure, a force by the nominal force
-areas         fractions of the nominal area, raw (share of grid points) and corrected (in the
-              limit of a vanishing grid spacing)
+strength      hardness (sigma_P, caps the contact pressure) and yield_stress
+              (sigma_Y, J2) are two inputs; a case gives both and says where their
+              ratio comes from
+tolerances    dimensionless: a gap is divided by h_rms (by p0 dx / E* for a flat
+              surface), a pressure by the mean pressure, a force by the nominal force
+areas         fractions of the nominal area, raw (share of grid points) and
+              corrected (in the limit of a vanishing grid spacing)
 units         SI
-similarity    for one shape of the spectrum, small-slope contact with a pressure cap depends only on
-              p0/(E*ξ) and hardness/(E*ξ)
+similarity    for one shape of the spectrum, small-slope contact with a pressure cap
+              depends only on p0/(E*ξ) and hardness/(E*ξ)
 """
 
 from __future__ import annotations

@@ -60,36 +60,36 @@ def mesh_of(
 ) -> Any:
     """Return the block of a problem as a `meshio.Mesh`, for other finite-element codes.
 
-        Args:
-            problem: as in `solve_path(...).problem`.
-            state: adds data to the points: the displacement (m), and the stress (Pa, as xx,
-                yy, zz, xy, yz, zx), its von Mises norm and the equivalent plastic strain as
-                volume-weighted means of the Gauss points around a node.  The cells get
-                their means over an element.  None: no data.
-            history: of the elements at that state, if the material can flow.
-            reference: whether the points are those of the block in which the elements are
-                solved.  Its top is flat in the gap geometry; the data of the points then
-                contain the "gap" (m) from the top nodes to a flat on the highest of them,
-                and 0 elsewhere.
+    Args:
+        problem: as in `solve_path(...).problem`.
+        state: adds data to the points: the displacement (m), and the stress (Pa, as
+            xx, yy, zz, xy, yz, zx), its von Mises norm and the equivalent plastic
+            strain as volume-weighted means of the Gauss points around a node.  The
+            cells get their means over an element.  None: no data.
+        history: of the elements at that state, if the material can flow.
+        reference: whether the points are those of the block in which the elements
+            are solved.  Its top is flat in the gap geometry; the data of the points
+            then contain the "gap" (m) from the top nodes to a flat on the highest
+            of them, and 0 elsewhere.
 
-        Returns:
-            Hexahedra over one period, with the point sets "top" and "base".  By default the
-            points are those of the undeformed rough body, and the roughness of a gap
-            geometry is spread over the layers.  Copies of the first nodes close the
-            periodic edges.
+    Returns:
+        Hexahedra over one period, with the point sets "top" and "base".  By default
+        the points are those of the undeformed rough body, and the roughness of a
+        gap geometry is spread over the layers.  Copies of the first nodes close the
+        periodic edges.
 
-        Example:
-            >>> from fem_check.element import CORNERS
-    from fem_check.options import FemOptions
-            >>> from fem_check.driver import problem_of
-            >>> from epcontact.scene import Load, Material, Scene, Surface
-            >>> surface = Surface(np.zeros((4, 4)), (1.0, 1.0))
-            >>> scene = Scene(surface, Material(1.0, 0.3), Load(0.01))
-            >>> mesh = mesh_of(problem_of(scene, FemOptions(law="elastic", layers=2)))
-            >>> len(mesh.points), len(mesh.point_sets["top"])
-            (75, 25)
-            >>> mesh.cells_dict["hexahedron"].shape
-            (32, 8)
+    Example:
+        >>> from fem_check.element import CORNERS
+        >>> from fem_check.options import FemOptions
+        >>> from fem_check.driver import problem_of
+        >>> from epcontact.scene import Load, Material, Scene, Surface
+        >>> surface = Surface(np.zeros((4, 4)), (1.0, 1.0))
+        >>> scene = Scene(surface, Material(1.0, 0.3), Load(0.01))
+        >>> mesh = mesh_of(problem_of(scene, FemOptions(law="elastic", layers=2)))
+        >>> len(mesh.points), len(mesh.point_sets["top"])
+        (75, 25)
+        >>> mesh.cells_dict["hexahedron"].shape
+        (32, 8)
     """
     import meshio  # slow to load, and few solves write files
 

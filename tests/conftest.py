@@ -59,10 +59,17 @@ material = { young_modulus = 50.0e9 }
 
 [[variant]]
 case = { id = "stiff", requirement = "A stiff one." }
-gate = [
-  { quantity = "area.total.corrected", tolerance = 0.1, because = "It is stiff." },
-  { quantity = "quantity.mean_gap", of = "bem", against = "persson", tolerance = 2, because = "-" },
-]
+[[variant.gate]]
+quantity = "area.total.corrected"
+tolerance = 0.1
+because = "It is stiff."
+
+[[variant.gate]]
+quantity = "quantity.mean_gap"
+of = "bem"
+against = "persson"
+tolerance = 2
+because = "-"
 """
 
 

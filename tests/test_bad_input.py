@@ -198,10 +198,12 @@ def test_all_mistakes_are_told_at_once(write_case):
     ) == [
         "surface.rms_slope is 'steep', but must be a valid number",
         "surface.hurts is no key of a case file; did you mean 'hurst'?",
-        "material.poisson_ratio: poisson_ratio is 0.7, but must be a number between -1 and 0.5, "
+        "material.poisson_ratio: poisson_ratio is 0.7, but must be a number between "
+        "-1 and 0.5, "
         "both excluded",
         "load.mean_pressure[1] is 'x', but must be a valid number",
-        "gate 1: no quantity is called 'area.total.corected'; did you mean 'area.total.corrected'?",
+        "gate 1: no quantity is called 'area.total.corected'; did you mean "
+        "'area.total.corrected'?",
     ]
     # Those between tables.
     edits = (
@@ -219,7 +221,8 @@ def test_all_mistakes_are_told_at_once(write_case):
     family = (("hurst =", "hurts ="), ("tolerance = 0.1,", "tolerence = 0.1,"))
     assert refusals(*family, more=VARIANTS) == [
         "variant soft: surface.hurts is no key of a case file; did you mean 'hurst'?",
-        "variant stiff: gate 1.tolerence is no key of a case file; did you mean 'tolerance'?",
+        "variant stiff: gate 1.tolerence is no key of a case file; did you mean "
+        "'tolerance'?",
     ]
     # What is hardly a case file is told some.
     *told, last = refusals((SMALL_CASE, "".join(f"x{n} = 1\n" for n in range(30))))

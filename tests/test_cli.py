@@ -78,7 +78,8 @@ def test_an_output_without_greek_letters_shows_a_question_mark():
 def test_lists_load_no_solver(argument):
     program = (
         f"import atexit, sys; sys.argv = ['epcontact', '{argument}']\n"
-        "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & set(sys.modules)\n"
+        "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & "
+        "set(sys.modules)\n"
         "atexit.register(lambda: print(sorted(loaded())))\n"
         "from epcontact.cli.main import main; main()"
     )
@@ -404,7 +405,8 @@ FULL = "epcontact: cannot write the output: no space left on device"
 @pytest.mark.skipif(
     not os.path.exists("/dev/full"), reason="needs a device that is full"
 )
-@pytest.mark.parametrize(  # by rich, by click, when the verdict is there, and a full disk
+# By rich, by click, when the verdict is there, and a full disk.
+@pytest.mark.parametrize(
     ("words", "code", "says"),
     [
         ("keys", 2, ""),

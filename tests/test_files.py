@@ -179,7 +179,8 @@ def test_two_writers_never_mix(tmp_path):
 def test_importing_the_package_loads_no_heavy_library():
     code = (
         "import sys, epcontact.files, epcontact.output.vtk, epcontact.output.view;"
-        "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & set(sys.modules);"
+        "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & "
+        "set(sys.modules);"
         "sys.exit(f'{heavy} loaded' if heavy else 0)"
     )
     assert python("-c", code).stderr == ""
@@ -189,7 +190,8 @@ def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
     folder = tmp_path / "bearing-area" / "fast"
     program = (
         "import sys; from epcontact.files import atomic_write\n"
-        "with atomic_write(sys.argv[1]) as path: print(path.name, flush=True); sys.stdin.read()"
+        "with atomic_write(sys.argv[1]) as path: print(path.name, flush=True); "
+        "sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, folder / "steps" / "x.vti"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

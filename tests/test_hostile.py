@@ -67,7 +67,9 @@ def verified(write_case, tmp_path, monkeypatch):
     cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
     def run(answers):
-        """Verify the cases with a theory that gives prescribed answers or raises them."""
+        """Verify the cases with a theory that gives prescribed answers or raises
+        them.
+        """
         persson = replace(METHODS["persson"], solve=Mock(side_effect=answers))
         monkeypatch.setitem(METHODS, "persson", persson)
         return verify(cases, output=tmp_path / "out", jobs=1, fresh=True)
@@ -245,7 +247,8 @@ def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
     own, same = (vars(one.final.areas["raw"]) for one in (flowing, given))
     assert same == pytest.approx(own, abs=1e-12)
     assert 0 < own["plastic"] != pytest.approx(own["elastic"])
-    text = "epcontact-result 1 converged T residual 1d-9 pressure 0.1D+10 1.0-120 -1.0e+9 5.+100"
+    text = "epcontact-result 1 converged T residual 1d-9 "
+    text += "pressure 0.1D+10 1.0-120 -1.0e+9 5.+100"
     read = foreign.result_of_text(text, (4,))["pressure"]
     np.testing.assert_array_equal(read, [1e9, 1e-120, -1e9, 5e100])
     heights = 1e-6 * np.random.default_rng(0).normal(size=(6, 4))

@@ -25,9 +25,9 @@ FLOORS = (
     {"epcontact.cli"},
     {"epcontact.__main__"},
 )
-#: Tokens of code in each room (see `tokens_of_code`), and how much more a room may hold.
-#: A change that needs more takes something out of its room, or says in its commit why the
-#: room grows and raises the number.
+#: Tokens of code in each room (see `tokens_of_code`), and how much more a room may
+#: hold. A change that needs more takes something out of its room, or says in its commit
+#: why the room grows and raises the number.
 TOKENS = {
     "epcontact": 148,
     "epcontact.bem": 29_582,

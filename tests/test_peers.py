@@ -130,7 +130,8 @@ def test_entry_points_are_methods(tmp_path):
     (about / "entry_points.txt").write_text(
         "[epcontact.methods]\nother = other:solve\n"
     )
-    program = "import epcontact.harness.methods.registry as r; print(r.METHODS['other'].source)"
+    program = "from epcontact.harness.methods.registry import METHODS; "
+    program += "print(METHODS['other'].source)"
     path = os.pathsep.join([str(tmp_path), *sys.path])
     assert (
         python("-c", program, env=os.environ | {"PYTHONPATH": path}).stdout

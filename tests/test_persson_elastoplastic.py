@@ -48,7 +48,9 @@ def modes(s, x, c):
     """The same by eigenfunctions."""
 
     def total(weight):
-        """Return sum_k weight(k) 2 sin(k s) exp(-(k c/2)^2) over k = n pi, n = 1 to 9."""
+        """Return sum_k weight(k) 2 sin(k s) exp(-(k c/2)^2) over k = n pi, n = 1 to
+        9.
+        """
         waves = [(mp.pi * k, 2 * mp.sin(k * mp.pi * s)) for k in range(1, 10)]
         return mp.fsum(weight(k) * b * mp.exp(-((k * c / 2) ** 2)) for k, b in waves)
 
@@ -120,7 +122,8 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
     _, p0, H = contact
     assert_allclose(found.total + found.separated, 1, rtol=0, atol=1e-13)
     assert_allclose(elastic_force(*contact) + H * found.plastic, p0, rtol=1e-12)
-    # Plastic and separated area are exchanged at the load H - p0, here without rounding.
+    # Plastic and separated area are exchanged at the load H - p0, here without
+    # rounding.
     loaded = areas(contact[0], H - (H - p0), H)
     mirrored = areas(contact[0], H - p0, H)
     assert loaded.plastic == mirrored.separated
@@ -141,7 +144,7 @@ def test_distribution_is_right(contact, share, offset, near_start):
     assert error <= 1e-12 * exact["elastic"] + TINY
 
 
-def test_pressures_outside_the_walls_hold_no_contact_and_the_density_ends_at_its_slopes():
+def test_no_contact_outside_the_walls_and_the_density_ends_at_its_slopes():
     G = 4189.0
     p0 = 12.5
     H = 150.0

@@ -88,7 +88,7 @@ def solve(scene=SCENE, **options):
     return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
 
 
-def test_a_scene_has_the_areas_of_the_closed_form_and_its_distribution_carries_the_load():
+def test_the_areas_are_the_closed_form_and_the_distribution_carries_the_load():
     result = solve()
     theory = Theory.of_scene(SCENE, energy_reduction=GAMMA)
     G = GAMMA * MODULUS**2 / 8
@@ -420,7 +420,7 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
     assert max(f.force_error for f in (*found, kink, own)) < 1e-10
 
 
-def test_a_growing_hardness_leaves_less_plastic_area_than_its_own_value_kept_throughout():
+def test_a_growing_hardness_leaves_less_plastic_area_than_its_last_value():
     """The lower caps on the way leave less spread of the pressures, d<p^2> = 2 A_el dG.
 
     The pressures are a martingale under either wall; the one that was capped earlier is

@@ -81,7 +81,9 @@ def test_cylinders_in_a_row():
     """
 
     def pressure(x, a):
-        """Return the pressure in Pa at x of a row of cylinders with half-width a, in m."""
+        """Return the pressure in Pa at x of a row of cylinders with half-width a, in
+        m.
+        """
         return bumps.cylinder_pressure_periodic(x, a, RADIUS, MODULUS, L)
 
     for a in (0.1 * L, 0.3 * L, 0.45 * L):

@@ -203,9 +203,7 @@ STUDENT = {"a": 12.706205 / math.sqrt(2), "b": 4.302653 / math.sqrt(3)}
 @pytest.mark.parametrize(
     ("value", "error"), [("x", ""), ("x", "claim"), ("share", "claim")]
 )
-def test_the_interval_of_a_mean_is_student_s_and_what_surfaces_share_does_not_average_out(
-    value, error
-):
+def test_the_interval_of_a_mean_is_student_s_and_shared_errors_stay(value, error):
     found = mean_with_interval(SURFACES, value, ["law"], error).set_index("law")
     assert len(found) == 2
     for law, surfaces in SURFACES.groupby("law"):
@@ -316,7 +314,7 @@ def test_the_errors_of_the_theory_are_those_that_a_result_reports():
 
 
 # --- theory
-# --------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------
 
 
 def fits_of_gamma(width, gamma, gamma_elastic):
@@ -427,7 +425,7 @@ def test_limits_of_exact_powers_are_exact():
 
 
 # --- cost
-# ----------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------
 
 
 def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
@@ -453,7 +451,7 @@ def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
 
 
 # --- peers
-# ---------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------
 
 
 def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
@@ -470,7 +468,9 @@ def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
 
 def test_a_peer_is_timed_only_where_its_areas_agree():
     def same(heights, load, hardness, _):
-        """Return pressures over E* by the package itself, as if it were another code."""
+        """Return pressures over E* by the package itself, as if it were another
+        code.
+        """
         scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
         return bem.solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
 

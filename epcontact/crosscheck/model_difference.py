@@ -66,7 +66,8 @@ class EffectiveHardness:
         if self.area <= _SATURATED:
             return ""
         return (
-            f"c_eff means nothing where the J2 body touches on {self.area:.3f} of the nodes: in so "
+            f"c_eff means nothing where the J2 body touches on {self.area:.3f} of "
+            "the nodes: in so "
             "full a contact the cap of equal area follows the load and not the material"
         )
 
@@ -81,7 +82,8 @@ class EffectiveHardness:
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
         at_cap = self.at_cap
         return self.meaningless or (
-            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = {self.severity:.3g} "
+            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = "
+            f"{self.severity:.3g} "
             f"(by {parts})"
             + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
         )
@@ -111,7 +113,8 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | Non
     )
     if missing := [name for name in names if name not in options]:
         raise InvalidCase(
-            f"the result of {result.method} does not say its block's {missing[0]}, so the "
+            f"the result of {result.method} does not say its block's {missing[0]}, "
+            "so the "
             "difference that the law alone makes cannot be measured"
         )
     block = {name: options[name] for name in names}
@@ -177,14 +180,25 @@ def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness
 
 _J2, _J2_AND_CAP = ("fields", "J2 flow"), ("fields", "J2 flow", "hardness")
 _MODEL = {
-    "area": "A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene",
-    "overlap": "shared contact nodes over the nodes in either contact, of J2 and the same cap",
-    "distance": "Wasserstein distance of the pressures of J2 and the same cap, over the hardness",
+    "area": (
+        "A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene"
+    ),
+    "overlap": (
+        "shared contact nodes over the nodes in either contact, of J2 and the same cap"
+    ),
+    "distance": (
+        "Wasserstein distance of the pressures of J2 and the same cap, over the "
+        "hardness"
+    ),
 }
 _EFFECTIVE = {
-    "hardness": "c_eff: the cap over yield_stress at which the capped body has the area of the J2 "
-    "body",
-    "overlap": "shared contact nodes over the nodes in either contact, of J2 and the cap c_eff",
+    "hardness": (
+        "c_eff: the cap over yield_stress at which the capped body has the area of "
+        "the J2 body"
+    ),
+    "overlap": (
+        "shared contact nodes over the nodes in either contact, of J2 and the cap c_eff"
+    ),
 }
 
 
@@ -262,7 +276,8 @@ def _effective(solved: SolvedScene) -> tuple[float, Difference]:
         raise InvalidCase(f"{found.meaningless}; gate it under a smaller load")
     if found.at_cap is None:
         raise InvalidCase(
-            "the J2 body touches on no more than the elastic one, so no cap gives its area; "
+            "the J2 body touches on no more than the elastic one, so no cap gives "
+            "its area; "
             "a gate on the effective hardness needs a larger E*ξ/σ_Y"
         )
     return found.ratio, found.at_cap

@@ -265,8 +265,8 @@ _HEAD = (
     "unknowns iter."
 )
 _ROW = "{:30} {:6.4f} {:9.4f} {:6.3f} {:6.4f} {:6.4f} {:5.3g} {:8.0f} {:5.0f}"
-#: A surface of this fraction of its slope, of a stiffer body, has a similar result, with
-#: this fraction of the large displacements.
+#: A surface of this fraction of its slope, of a stiffer body, has a similar result,
+#: with this fraction of the large displacements.
 _GENTLE = 0.1
 
 

@@ -201,7 +201,7 @@ def difference(
 
 
 # --- gates
-# ---------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------
 
 
 Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
@@ -265,7 +265,8 @@ class GateVerdict(Record):
     difference: Estimate | None = None
     grid_error: Number | None = Field(
         default=None,
-        description="claimed error of the limits in the difference, which widens its interval",
+        description="claimed error of the limits in the difference, which widens its "
+        "interval",
     )
     half_width: Number = Field(
         default=0.0,
@@ -303,7 +304,8 @@ class GateVerdict(Record):
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
             f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
-            f"({self.value.mean:.6g} against {self.reference.mean:.6g}); because {self.because}"
+            f"({self.value.mean:.6g} against {self.reference.mean:.6g}); because "
+            f"{self.because}"
         )
 
 

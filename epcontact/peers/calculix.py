@@ -7,12 +7,12 @@ equations.
 
 Three things differ from `fem_check`, and `epcontact crosscheck` changes each alone:
 
-    element              C3D8I has incompatible modes, C3D8 nothing against locking, ours the mean
-                         dilatation; all of them meet as the grid is refined
-    penalty              the springs yield by the pressure times the spacing over PENALTY E
-    large displacements  GAPUNI needs NLGEOM, with which the body is at finite strain: a part that
-                         falls as the slope of the surface, and that small strain leaves
-                         out
+    element              C3D8I has incompatible modes, C3D8 nothing against locking,
+                         ours the mean dilatation; all of them meet on finer grids
+    penalty              the springs yield by pressure times spacing over PENALTY E
+    large displacements  GAPUNI needs NLGEOM, with which the body is at finite
+                         strain: a part that falls as the slope of the surface,
+                         and that small strain leaves out
 
 On elastic blocks of small slope C3D8 has the pressures of a plain assembly of linear
 elasticity to 6e-4, which is the springs' part (tests/test_calculix.py).
@@ -86,7 +86,8 @@ def deck(
         or options.approach is not None
     ):
         raise InvalidScene(
-            "calculix answers the laws elastic and j2, with the geometry gap, under pressures"
+            "calculix answers the laws elastic and j2, with the geometry gap, under "
+            "pressures"
         )
     if not min(scene.load.path) > 0:
         raise InvalidScene(
@@ -259,13 +260,15 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
     mesh, material = mesh_of(problem, reference=True), scene.material
     if file.suffix not in (".inp", *_FORMATS):
         raise InvalidScene(
-            f"{file} ends in {file.suffix!r}, but must end in .inp (an input file of CalculiX) or "
+            f"{file} ends in {file.suffix!r}, but must end in .inp (an input file of "
+            "CalculiX) or "
             f"{', '.join(_FORMATS)}"
         )
     about = [
         f"the block of the scene {scene.digest} in SI units, {scene.body.kind}",
         f"E {material.young_modulus:g} Pa, nu {material.poisson_ratio:g}, yield stress "
-        f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law {given.law}",
+        f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law "
+        f"{given.law}",
         f"mean pressures {', '.join(f'{p:g}' for p in scene.load.path)} Pa",
     ]
     with atomic_write(file) as temporary:

@@ -43,10 +43,10 @@ def result_of_pressures(
 
     Args:
         scene: the scene that was solved.
-        given: the fields of the solver on the grid of the scene: "pressure" in Pa; "gap"
-            and "displacement" in m follow from it if they are not given.  The flat is
-            then where the mean gap of the elastic points vanishes or, if there is no
-            elastic point, at the highest plastic one.
+        given: the fields of the solver on the grid of the scene: "pressure" in Pa;
+            "gap" and "displacement" in m follow from it if they are not given.  The
+            flat is then where the mean gap of the elastic points vanishes or, if there
+            is no elastic point, at the highest plastic one.
         name: the name of the solver.
         seconds: the time of its solve.
         before: how far the load before has left the surface lowered, in m; None: by

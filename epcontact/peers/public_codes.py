@@ -1,6 +1,6 @@
 """Public solvers of capped contact: ContactMechanics and tamaas, of the extra `peers`.
 
-    ContactMechanics   constrained conjugate gradients of Polonsky and Keer with a hardness
+    ContactMechanics   conjugate gradients of Polonsky and Keer with a hardness
     tamaas             the same without one, Kato's method with a saturation pressure
 
 A peer gives a pressure field, from which everything else follows as for every code

@@ -1,9 +1,9 @@
 """tamaas with perfectly plastic J2 flow: a second opinion on the finite elements.
 
 Contact and flow are solved in turns until the residual displacement settles (Frérot et
-al. 2019, Comput. Methods Appl. Mech. Eng. 351, 951), in INCREMENTS from each load to the
-next.  tamaas' own outer loop, EPICSolver, has a fixed relaxation, and starts from elastic
-contact.
+al. 2019, Comput. Methods Appl. Mech. Eng. 351, 951), in INCREMENTS from each load to
+the next.  tamaas' own outer loop, EPICSolver, has a fixed relaxation, and starts from
+elastic contact.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from epcontact.scene import Load, Scene
 FLOWING = (0.5, 1.0)
 #: Increments from each load to the next.
 INCREMENTS = 4
-#: Relative tolerance of both loops: a tenth of it moves areas of rough bodies of 17 x 17
-#: points by 0.3 % at most.
+#: Relative tolerance of both loops: a tenth of it moves areas of rough bodies of 17 x
+#: 17 points by 0.3 % at most.
 FLOW_TOLERANCE = 1e-4
 #: Cap over the yield stress from whose contact an increment starts: elastic pressures
 #: on fine grids are more than a flowing body can carry.
@@ -196,7 +196,8 @@ def _tamaas_solvers(scene: Scene, depth: float) -> tuple[Any, Any, Any]:
 def _plastic_displacement(scene: Scene, load: float) -> FloatArray:
     """Return the plastic displacement (m) of a body under a cap, of zero mean.
 
-    An elastic body whose heights are lower by it presses nowhere with more than the cap.
+    An elastic body whose heights are lower by it presses nowhere with more than the
+    cap.
     """
     hardness = max(START_CAP * scene.material.yield_stress, 2 * load)
     material = replace(scene.material, hardness=hardness)

@@ -223,7 +223,8 @@ def finite_element_options(
         listed = ", ".join(f"{error:.1g} with {n}" for n, error in differences.items())
         reasons.append(
             f"{options['steps']} increments: on the coarsest grid the area differs "
-            f"from that of {STEPS[-1]} by {listed}; a quarter of the tolerance is allowed"
+            f"from that of {STEPS[-1]} by {listed}; a quarter of the tolerance is "
+            "allowed"
         )
     return options, reasons
 

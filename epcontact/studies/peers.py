@@ -68,7 +68,9 @@ def race(law: str, bandwidth: int, peers: dict[str, Pressure], call: Any) -> Row
     times: dict[str, list[tuple[float, float]]] = {aim: [] for aim in AIMS}
 
     def solve_here(aim: str) -> tuple[float, float]:
-        """Solve by this package; note the time and return total and plastic raw area."""
+        """Solve by this package; note the time and return total and plastic raw
+        area.
+        """
         result, spent = timed(lambda: bem.solve(scene, threads=1, **AIMS[aim]))
         times[aim].append(spent)
         return result.final.areas["raw"].total, result.final.areas["raw"].plastic
@@ -122,7 +124,8 @@ def installed() -> dict[str, Pressure]:
             solvers[name] = solver
     if not solvers:
         raise StudyUnavailable(
-            "no other code is installed to compare with; install ContactMechanics or tamaas "
+            "no other code is installed to compare with; install ContactMechanics or "
+            "tamaas "
             "(pip install ContactMechanics tamaas)"
         )
     return solvers
@@ -138,7 +141,8 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
     solvers = installed()
     if os.environ.get("OMP_NUM_THREADS") != "1":
         raise StudyUnavailable(
-            "the codes are compared on one thread each, which some of them learn from the "
+            "the codes are compared on one thread each, which some of them learn "
+            "from the "
             "environment only; set OMP_NUM_THREADS=1"
         )
     child = Worker()

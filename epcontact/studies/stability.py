@@ -201,7 +201,9 @@ def _boundary_elements(
         return bem.solve(scene, method=method, threads=1, max_steps=steps)  # type: ignore[arg-type]
 
     def check(result: ContactResult) -> float:
-        """Return the largest violation of a contact condition, measured on the fields."""
+        """Return the largest violation of a contact condition, measured on the
+        fields.
+        """
         names = ("measured_gap", "measured_force", "measured_bounds")
         return max(abs(measure(f"quantity.{name}", scene, result)) for name in names)
 
@@ -314,7 +316,8 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
     for method, group in shown.groupby("method", sort=False):
         panels[method] = group.pivot(index="x", columns="y", values="effort")
     caption = (
-        f"The {count} that each method takes.  Crosses: it did not converge, or violates "
+        f"The {count} that each method takes.  Crosses: it did not converge, or "
+        "violates "
         f"a condition of contact; {_failed(table)} of {len(table)} failed ({size} map)."
     )
     x = sorted(table["x"].unique())

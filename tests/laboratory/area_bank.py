@@ -152,8 +152,10 @@ SHARP = (
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene of the bank.  depth: of a sliding layer; after: the load after unloading by that
-    before, 1 where it only grows.
+    """One scene of the bank.
+
+    depth: of a sliding layer; after: the load after unloading over that before, 1 where
+    it only grows.
     """
 
     kind: str

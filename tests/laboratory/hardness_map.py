@@ -50,10 +50,10 @@ CAUTION = 2
 #: Caps over the yield stress that are tried, besides none.
 LADDER = tuple(1.08**k for k in range(21))
 HEADER = """\
-# The effective hardness of rough J2 metals; help(epcontact.effective_hardness) says more.
+# The effective hardness of rough J2 metals; see help(epcontact.effective_hardness).
 # Made by `python -m laboratory.hardness_map --size {size}` with {versions}.
-# Errors are relative, at 95 %: scatter by the surfaces of a place alone, the statistical
-# one of the formula, which pools all places.
+# Errors are relative, at 95 %: scatter by the surfaces of a place alone, the
+# statistical one of the formula, which pools all places.
 """
 
 

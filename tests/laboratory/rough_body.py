@@ -50,7 +50,9 @@ def rough_body(say, slopes=(0.1,), seeds=range(101, 103), nodes=16):
     """Which body is rough: a J2 block on a rigid flat, or a punch on a flat block."""
 
     def row(severity, slope, seed):
-        """Return rows of the changes of a rough body, of a punch, and their difference."""
+        """Return rows of the changes of a rough body, of a punch, and their
+        difference.
+        """
         scene = scene_of_slope(severity, slope, seed, nodes)
         small_slope = measures(scene, "gap")
         body = measures(scene, "moved") / small_slope - 1

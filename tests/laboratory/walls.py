@@ -182,7 +182,9 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
     bodies = {h: f"hardness {h:g}" for h in (0.3, 0.6, 1.2)}
 
     def select(rows):
-        """Return the rows of the widest band at the shown load, with the body in words."""
+        """Return the rows of the widest band at the shown load, with the body in
+        words.
+        """
         widest = rows["bandwidth"] == max(bandwidths)
         shown = rows[widest & (rows["p0"] == SHOWN_LOAD)]
         return shown.assign(body=shown["hardness"].map(bodies).fillna("no hardness"))

@@ -50,7 +50,9 @@ def _joined(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 class SweepTable(Table):
-    """[sweep]: each section has the keys of the case's section, with lists of values."""
+    """[sweep]: each section has the keys of the case's section, with lists of
+    values.
+    """
 
     surface: dict[str, _Values] = key("values of keys of [surface]", {})
     material: dict[str, _Values] = key("values of keys of [material]", {})

@@ -1,8 +1,8 @@
 """Case files are read and checked; every mistake of a file is reported in a sentence.
 
-The mistakes that pydantic finds in a table hide those between the tables, which cannot be
-read then.  A case is read at every size, so that a mistake in its full size shows when
-the fast one is run.
+The mistakes that pydantic finds in a table hide those between the tables, which cannot
+be read then.  A case is read at every size, so that a mistake in its full size shows
+when the fast one is run.
 """
 
 from __future__ import annotations

@@ -75,7 +75,9 @@ def citation(case: Case) -> Iterator[str]:
     yield from (f"  {source}" for source in sources_of(case))
     yield "\nPapers:"
     yield from (f"  {paper}" for paper in papers_of(case))
-    yield "\nSoftware, as installed here (a result's own versions are in its JSON file):"
+    yield (
+        "\nSoftware, as installed here (a result's own versions are in its JSON file):"
+    )
     for name, version in package_versions().items():
         doi = _DATA["software"].get(name)
         yield f"  {name} {version}" + (f" {_RESOLVER}{doi}" if doi else "")

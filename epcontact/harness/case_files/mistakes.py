@@ -26,7 +26,9 @@ _TYPES = re.compile(r"(float|str|int|bool)$|(list|literal)\[")
 
 @functools.cache
 def case_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a case file: the keys of a case, and of its variants."""
+    """Return the JSON Schema of a case file: the keys of a case, and of its
+    variants.
+    """
     schema = Case.model_json_schema()
     of_variant = {
         name: {
@@ -49,7 +51,9 @@ def case_schema() -> dict[str, Any]:
 
 @functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Return the schema of each table by name, such as "case" or "surface, sinusoid"."""
+    """Return the schema of each table by name, such as "case" or "surface,
+    sinusoid".
+    """
     schema = case_schema()
     tables = {}
     for name, entry in schema["properties"].items():

@@ -100,13 +100,15 @@ class MaterialTable(Table):
     young_modulus: float = key("Pa")
     poisson_ratio: float = key("between -1 and 0.5")
     hardness: float | Literal["effective"] = key(
-        "Pa; cap of the contact pressure; 'effective': that which stands for a J2 body of "
+        "Pa; cap of the contact pressure; 'effective': that which stands for a J2 "
+        "body of "
         "yield_stress",
         math.inf,
     )
     yield_stress: float = key("Pa; of the J2 solid", math.inf)
     thermal_conductivities: Conductivities = key(
-        "W/(m K); of the body and of what it touches: each load then has a thermal_conductance",
+        "W/(m K); of the body and of what it touches: each load then has a "
+        "thermal_conductance",
         None,
     )
     electrical_conductivities: Conductivities = key(
@@ -133,7 +135,8 @@ class CounterfaceTable(Table):
     young_modulus: StrictFloat = key("Pa")
     poisson_ratio: StrictFloat = key("between -1 and 0.5")
     surface: Annotated[surfaces.CaseSurface, Field(discriminator="kind")] | None = key(
-        "a second rough surface, with the keys of [surface] and heights out of its own body",
+        "a second rough surface, with the keys of [surface] and heights out of its "
+        "own body",
         None,
     )
 
@@ -157,7 +160,8 @@ class GateTable(Table):
     """[[gate]]: one comparison that must hold."""
 
     quantity: str = key(
-        "the scalar that is compared, such as area.total.corrected; `epcontact keys` lists them all"
+        "the scalar that is compared, such as area.total.corrected; `epcontact keys` "
+        "lists them all"
     )
     of: MethodName = key("the method that is judged")
     against: str | Finite = key("a method, a closed form's name, or a number")
@@ -385,7 +389,9 @@ class Case(Table):
 
     @property
     def two_bodies(self) -> dict[str, Any]:
-        """What a result says of its two bodies instead of the one that replaces them."""
+        """What a result says of its two bodies instead of the one that replaces
+        them.
+        """
         other = self.counterface
         if other is None:
             return {}

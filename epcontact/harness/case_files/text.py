@@ -205,7 +205,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _require_short(text: str) -> None:
-    """Raise ValueError if a number or a key is so long that it takes minutes to read."""
+    """Raise ValueError if a number or a key is so long that it takes minutes to
+    read.
+    """
     dots = max(re.sub(r"\d\.\d", "", line).count(".") for line in text.split("\n"))
     if dots > LONGEST or re.search(rf"[\da-fA-F_]{{{LONGEST}}}", text):
         raise ValueError(f"a number has {LONGEST} digits, or a key as many parts")

@@ -2,4 +2,5 @@
 
 from epcontact.machine import provide_kernel_cache
 
-provide_kernel_cache()  # before fem_check, which must not import it, defines its kernels
+# Before fem_check, which must not import it, defines its kernels.
+provide_kernel_cache()

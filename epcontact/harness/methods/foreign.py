@@ -24,15 +24,15 @@ The scene is a text of one item a line, always in this order:
     loads 2                      number of mean pressures, and then each of them
     4e8
     5e8
-    heights                      nx*ny numbers, one a line, [0,0] [0,1] ... [0,ny-1] [1,0] ...
+    heights                      nx*ny numbers: [0,0] [0,1] ... [0,ny-1] [1,0] ...
 
 The result is a text of words and numbers, separated by blanks or line ends, in any
 order:
 
     epcontact-result 1
     converged 1                  or 0, which is an error: the result is not judged
-    residual 1e-9                optional: what decided it, dimensionless, from 0 up to 1
-    pressure                     and then nx*ny numbers at the last load, ordered as the heights
+    residual 1e-9                optional: what decided it, without unit, 0 to 1
+    pressure                     and then nx*ny numbers, ordered as the heights
     gap                          optional, the same; or displacement
 
 Fortran's numbers are read, too (5.0D+08, 1.0-120, T).  Of any solver that gives a

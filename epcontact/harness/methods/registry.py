@@ -6,7 +6,8 @@ scene and what the rest of the package needs to know about it.  Entries come fro
 sources:
 
     the package's own   persson, bem and fem, below
-    other codes         contact_mechanics and tamaas, with the extra `peers`; CalculiX, a program
+    other codes         contact_mechanics and tamaas, with the extra `peers`;
+                        CalculiX, a program
     the user's          entry points of the group `epcontact.methods`, and `--solver`
 """
 
@@ -262,7 +263,10 @@ class Method:
             return f"there is no program {self.program}; {_PROGRAMS[self.program]}"
         if not self.requires or importlib.util.find_spec(self.requires):
             return ""
-        return f"{self.requires} is not installed; pip install 'epcontact[peers]' brings it"
+        return (
+            f"{self.requires} is not installed; "
+            "pip install 'epcontact[peers]' brings it"
+        )
 
 
 # Solvers are loaded when they are called: their compiled kernels take a second to load,
@@ -470,7 +474,8 @@ def solver_named(text: str) -> Method:
     name = named[1] if named else "command" if command else source.rpartition(":")[2]
     if not command and ":" not in source:
         raise InvalidCase(
-            f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION, a command with {{scene}} "
+            f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION, a command "
+            f"with {{scene}} "
             f"and {{result}}, or the name of a method{nearest(text, METHODS)}"
         )
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
@@ -479,7 +484,8 @@ def solver_named(text: str) -> Method:
         )
     if name in METHODS:
         raise InvalidCase(
-            f"--solver {text}: there is a method {name!r} already; give another name, as in "
+            f"--solver {text}: there is a method {name!r} already; give another "
+            "name, as in "
             f"mine={source}"
         )
     foreign.require_solver(source)

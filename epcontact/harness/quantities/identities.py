@@ -239,7 +239,8 @@ def path_work(solved: SolvedScene) -> float:
     left = float(energy[-1] - energy[0])
     if abs(left) <= _SAME * float(np.abs(energy).max()):
         raise InvalidCase(
-            "the work of a path is measured by the energy that it leaves, but this path "
+            "the work of a path is measured by the energy that it leaves, but this "
+            "path "
             "ends with the energy that it began with; let it end at another load"
         )
     return _work(load, approach) / left - 1

@@ -74,9 +74,9 @@ def quantity(
         unit: of its values; "–" if there is none.
         needs: what must be there, see `Quantity`.
         name: of the quantity after "quantity."; empty: that of the function.
-        each: words with texts.  There is one quantity for each word, which is the second
-            argument of the function; {} in `name` becomes the word, and {} in the
-            meaning its text.
+        each: words with texts.  There is one quantity for each word, which is the
+            second argument of the function; {} in `name` becomes the word, and {} in
+            the meaning its text.
     """
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:

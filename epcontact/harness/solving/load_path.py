@@ -39,7 +39,8 @@ _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
 #: hardness may stop: it gives an error, of which two digits are enough.
 _TOLERANCE_OF_ERROR = 1e-4
 
-#: Called now and then with the fraction of the load path that is solved, and a sentence.
+#: Called now and then with the fraction of the load path that is solved, and a
+#: sentence.
 OnProgress = Callable[[float, str], None]
 
 

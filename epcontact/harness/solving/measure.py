@@ -47,7 +47,9 @@ _LARGEST_GRID = 2**22
 
 @dataclass(frozen=True)
 class Measurement:
-    """A quantity of a task, by its name in gates, and what happens if it is undefined."""
+    """A quantity of a task, by its name in gates, and what happens if it is
+    undefined.
+    """
 
     name: str
     if_undefined: Literal["leave out", "NaN and a note", "fail"]

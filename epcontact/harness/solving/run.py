@@ -153,7 +153,8 @@ def collect_results(
 
 
 def solve_tasks(tasks: Sequence[Task], run: Run) -> Generator[FinishedTask]:
-    """Return an iterator over the tasks as they are finished, those saved earlier first.
+    """Return an iterator over the tasks as they are finished, those saved earlier
+    first.
 
     Each new result is saved before it is yielded.  Nothing is solved, and nothing is
     written, before the first one is asked for.
@@ -186,7 +187,9 @@ def _finish_tasks(
     executor: Executor | None,
     run: Run,
 ) -> Generator[FinishedTask]:
-    """Yield all tasks with their outcomes, and report the progress; see `solve_tasks`."""
+    """Yield all tasks with their outcomes, and report the progress; see
+    `solve_tasks`.
+    """
     done = 0
     for task, result in saved.items():
         done += 1

@@ -1,4 +1,5 @@
-"""What is solved, and how: a `Task` is one solve, and `Run` holds what all solves share.
+"""What is solved, and how: a `Task` is one solve, and `Run` holds what all solves
+share.
 
 A case has one task for each of its methods on each of its surfaces.
 """

@@ -1,8 +1,8 @@
 """What changed between two verdicts: values in units of their error estimates, bands,
 work.
 
-A value without an error estimate may change by `CHANGE_WITHOUT_ERROR` of itself, or by a
-hundredth of a band that is absolute.  If the reference is 0, the gate's band is the
+A value without an error estimate may change by `CHANGE_WITHOUT_ERROR` of itself, or by
+a hundredth of a band that is absolute.  If the reference is 0, the gate's band is the
 allowed change.
 """
 

@@ -19,7 +19,9 @@ from epcontact.reference import CLOSED_FORMS
 KINDS = {
     "identity": "what must be so whatever the answer is, such as the balance of force",
     "closed form": "a formula, evaluated here",
-    "method here": "another method, or another or a finer answer of this program, or a limit",
+    "method here": (
+        "another method, or another or a finer answer of this program, or a limit"
+    ),
     "other code": "an answer of a program that others wrote",
     "published": "a figure or a law that others published",
     "experiment": "a measurement",
@@ -33,9 +35,15 @@ _NAMES = {"persson": "theory", "bem": "boundary elements", "fem": "finite elemen
 SUBJECTS = (_INPUTS, *_NAMES.values(), "theory – boundary elements", _MODEL, _AFTER)
 #: Published measurements that no case holds, and what they lack.
 EXPERIMENTS = {
-    "real contact area": "areas at several loads, with the measured map and hardness of the body",
-    "topography after the load": "maps of one place before and after, with load and hardness",
-    "contact conductance": "the spectrum: reports give rms height and slope, not their bandwidth",
+    "real contact area": (
+        "areas at several loads, with the measured map and hardness of the body"
+    ),
+    "topography after the load": (
+        "maps of one place before and after, with load and hardness"
+    ),
+    "contact conductance": (
+        "the spectrum: reports give rms height and slope, not their bandwidth"
+    ),
 }
 _MODEL_MEASURES = ("quantity.model_", "quantity.effective_")
 

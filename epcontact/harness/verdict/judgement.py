@@ -66,7 +66,8 @@ class MethodEntry(Record):
     errors: list[str]
     seconds: dict[FileName, Number] = Field(
         default={},
-        description="of each solve, by surface; of one that is reused, when it was made",
+        description="of each solve, by surface; of one that is reused, when it was "
+        "made",
     )
     counts: dict[str, Number] = Field(
         default={},
@@ -134,7 +135,8 @@ class Verdict(Record):
     exit_code: Literal[0, 1, 2]
     size: str
     versions: dict[str, str] = Field(
-        description="of the packages that made the results; several, if results were reused"
+        description="of the packages that made the results; several, if results were "
+        "reused"
     )
     made: RunInfo | None = Field(
         default=None, description="when, where and by which sources"

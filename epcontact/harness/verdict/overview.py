@@ -57,7 +57,10 @@ def references(verdict: Verdict) -> str:
     counts = Counter(gate.kind for case in verdict.cases for gate in case.gates)
     told = ", ".join(f"{kind} {counts[kind]}" for kind in KINDS if counts[kind])
     others = sum(counts[kind] for kind in OF_OTHERS)
-    return f"references: {told}; {others} of {counts.total()} gates compare with the work of others"
+    return (
+        f"references: {told}; {others} of {counts.total()} gates compare with the work "
+        "of others"
+    )
 
 
 def _row(judged: Iterable[_Judged]) -> dict[str, Any]:

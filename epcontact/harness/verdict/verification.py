@@ -140,8 +140,10 @@ def require_gate(case: Case) -> None:
     """
     if not case.gates and not case.skip:
         raise InvalidCase(
-            f"{case.path}: {case.id} has no gate to judge; add a table [[gate]], or verify = false "
-            f"to [case], and solve it by `epcontact {'run' if case.sweep is None else 'sweep'}`"
+            f"{case.path}: {case.id} has no gate to judge; add a table [[gate]], or "
+            "verify = false "
+            "to [case], and solve it by `epcontact "
+            f"{'run' if case.sweep is None else 'sweep'}`"
         )
 
 
