@@ -120,7 +120,8 @@ def _yield_radius(accumulated, law):
 def _plastic_excess(norm, radius, law):
     """Return `excess` in Pa of a trial stress beyond the radius, and 1/(1 + H/(3 mu)).
 
-    The second value enters theta_bar.
+    The second value enters theta_bar.  norm: Frobenius norm of the deviatoric trial
+    stress in Pa; radius: of the yield surface in the same norm; law: a `J2Law`.
     """
     shear_modulus, _, _, hardening_modulus = law
     resistance = 1 + hardening_modulus / (3 * shear_modulus)

@@ -129,8 +129,9 @@ def test_a_step_pins_a_front():
     ("v", "width"), [(STEP, (math.pi / 8) ** 2), (KINK, 3 ** (-2.5 / 0.4))]
 )
 def test_an_edge_hides_a_plastic_zone(v, width):
+    """Of six pressures across a rim (negative ones: gaps), in spacings, under a cap."""
     assert rim.link_of(v, 4.0).hidden_width == pytest.approx(width)
-    # Pressure that does not rise ever faster is smooth.
+    # Here the pressure rises ever more slowly towards the rim: there is no edge.
     smooth = rim.link_of([0.2, 1.0, 1.5, -3.0, -6.0, -9.0], 2.0)
     assert (smooth.pinned, smooth.hidden_width) == (0, 0)
 
@@ -297,6 +298,7 @@ def oblique_groove(n):
 
 
 def dome(n):
+    """Return a parabola across a line, with kinks where its flanks become steeper."""
     r = from_middle(n, 0.2989 * n)
     return -(r**2) / 2 - 0.713 * np.maximum(r - 0.1272, 0)
 

@@ -329,8 +329,11 @@ def scene_of(k, nodes):
 
 @pytest.mark.long  # some two minutes
 def test_the_error_bars_hold_the_ratios_of_a_fine_grid():
-    """Of 60 bars 57 hold; some are infinite, as half of their grid has no cap of equal
-    area.
+    """Of 60 errors of c_eff on coarse grids 57 hold its value on a fine grid.
+
+    An error is infinite if no cap gives the area of the J2 body on every second point,
+    which is needed to measure it.  Every second scene has a body of finite depth, and
+    so a part of the error that is due to it.
     """
     fine = [float(c) for c in FINE.split()]
     # On grids as coarse as these the bars are wide: .24 of the ratio on the median.

@@ -94,6 +94,7 @@ def test_nearly_all_faults_fit_the_code():
 
 
 def test_faults_have_different_names_and_a_bare_verify_sees_many():
+    """A fault is a change of the code that a test, or a gate of `verify`, must see."""
     names = {fault.what for fault in FAULTS}
     seen_by = Counter(fault.seen_by for fault in FAULTS)
     assert len(names) == len(FAULTS) >= 440

@@ -96,7 +96,11 @@ def test_every_waves_compliance_converges_to_the_closed_form(poisson_ratio, slid
 
 
 def assert_contact_conditions(compliance, heights, load, cap):
-    """Solve the contact of a rigid flat, and check forces and gaps at every node."""
+    """Solve the contact of a rigid flat, and check forces and gaps at every node.
+
+    compliance: of each mode, in m/N; heights: (n,) or (n, n) in m; load: sum of the
+    forces in N; cap: the largest force of a node.
+    """
     contact = rigid_contact(compliance, heights, load=load, cap=cap)
     forces = contact.forces
     states = contact.states

@@ -419,7 +419,8 @@ def test_the_map_takes_off_the_grid_and_claims_what_is_left(order):
     [("depth", "in depth alone; solve"), ("seed", "has one surface, but")],
 )
 def test_a_map_that_lacks_bodies_is_refused(column, message):
-    rows = rows_of_made_up_bodies(1)
+    """A map needs a body of the other depth, and a second surface."""
+    rows = rows_of_made_up_bodies(order=1)
     with pytest.raises(InvalidCase, match=message):
         mapped(rows[rows[column] != 2])
 

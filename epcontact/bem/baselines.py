@@ -74,7 +74,19 @@ def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve by conjugate gradients from a feasible pressure; see `Baseline`."""
+    """Solve by the conjugate gradients of Polonsky and Keer; see `Baseline`.
+
+    Args:
+        level: heights and compliance; its cap is over the mean pressure.
+        p: (nx, ny) pressures over the mean pressure, with the sum nx ny, between 0 and
+            the cap.  They are not changed.
+        options: tolerance and largest number of iterations.
+
+    Returns:
+        The last iterate.  Without a free point, or along a direction that costs no
+        energy, the method can go no further and stops; the caller then finds that the
+        residual exceeds the tolerance.
+    """
     iterate = first_iterate(level, p)
     cap = level.cap
     total = float(p.size)

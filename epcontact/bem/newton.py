@@ -191,9 +191,17 @@ def _is_slow(history: list[float]) -> bool:
 
 
 def _best_fraction(level: Level, iterate: Iterate, step: _Step, energy: float) -> float:
-    """Return the fraction of the step at which the energy is least.
+    """Return the fraction of the step, from 0 to 1, at which the energy is least.
 
-    It is 1 if rounding hides the energy.  energy: that after the full step.
+    Along the step the energy is a parabola through its values before and after it, and
+    its slope at the start is the sum of gap times change of pressure.  If rounding
+    hides both, the fraction is 1.
+
+    Args:
+        level: the grid on which the problem is solved.
+        iterate: the pressures after the full step.
+        step: what was before it.
+        energy: the energy after it, in units of `step.energy`.
     """
     moved = iterate.p.reshape(-1)[step.points.index] - step.pressure
     slope = float(np.sum(np.multiply(moved, step.gap, out=moved)))
@@ -318,7 +326,7 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
     pressure: Any,
     residual: Any,
 ) -> None:
-    """List index, pressure and h - u - z of the elastic points of a block.
+    """Return index, pressure and h - u - z of the elastic points of a block.
 
     first: flat index of the block's first point.
     """

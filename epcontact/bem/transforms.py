@@ -312,10 +312,20 @@ class Convolution:
         other: FloatArray,
         inverse: bool = False,
     ) -> tuple[float, float]:
-        """Write S values, or its inverse, at the points to `out`; all are (points,).
+        """Apply the convolution S, or its inverse, to values at points alone.
 
-        The field that S is applied to is 0 elsewhere.  Returns sum(out) and sum(out
-        other).
+        S multiplies the modes of a field by the symbol (a compliance: the field is a
+        pressure, and S gives its displacement).
+
+        Args:
+            points: the grid points of the values.
+            values: (points,) of a field that is 0 at all other points.
+            out: (points,) is overwritten by the result at the points.
+            other: (points,) that the result is multiplied with.
+            inverse: whether the inverse of S is applied.
+
+        Returns:
+            The sum of `out`, and that of `out` times `other`.
         """
         index, value_blocks, out_blocks, other_blocks = points.split(
             points.index, values, out, other

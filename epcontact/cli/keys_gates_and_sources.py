@@ -47,7 +47,11 @@ def schema(kind: str) -> None:
 @click.argument("case")
 @case_size
 def cite(case: str, size: str) -> None:
-    """Print the sources, papers and software versions that a case rests on."""
+    """Print the sources, papers and software versions that a case rests on.
+
+    CASE is the name of a case of the package, or a file.  A size counts because each
+    may have gates, and so papers, of its own.
+    """
     for line in citation(load_case(find_case(case), size)):
         click.echo(line)
 

@@ -339,7 +339,16 @@ def fit_formula(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 def formula_terms(
     severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray
 ) -> FloatArray:
-    """Return the terms of the formula at places (n,), one row each: (n, 7)."""
+    """Return the terms of the formula at the head of this module, (n, 7).
+
+    Args:
+        severity: (n,) s = E* xi/sigma_Y.
+        poisson_ratio: (n,).
+        load: (n,) m = p0/sigma_Y.
+
+    Returns:
+        One row for each place, one column for each coefficient: a, b, e, f, g, h, k.
+    """
     nu = poisson_ratio
     u = 1 / (1 + severity / 8)
     bent = u**2 * np.log(load)

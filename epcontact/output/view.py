@@ -113,7 +113,8 @@ def animate(
     Args:
         results: one .pvd, or the files of the steps in their order.
         film: a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4.
-        factor: see `screenshot`.
+        factor: stretches the heights or displacements; None: by a round number that
+            makes them visible at all steps.  The film states it.
         frames_per_second: load steps for each second of the film.
         size: width and height of the film in pixels.
 

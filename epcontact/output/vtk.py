@@ -250,7 +250,7 @@ def read_fields(path: Path | str) -> FieldFile:
 
 
 def read_quietly(path: Path | str, reader: str) -> Any:
-    """Read a file by VTK without complaints on the terminal.
+    """Read a file with VTK's reader, without VTK's complaints on the terminal.
 
     Args:
         path: the file.

@@ -170,7 +170,11 @@ def _plastic_fraction(scene: Scene) -> float:
 
 @CAPPED_STRIP.gives("area.elastic")
 def _elastic_fraction(scene: Scene) -> float:
-    """Return the width of the elastic middle as a fraction of the period."""
+    """Return the elastic part of the contact as a fraction of the period.
+
+    A flat post presses hardest at its rims, so it flows there and stays elastic in the
+    middle.
+    """
     return _strip_fraction(scene) - _plastic_fraction(scene)
 
 

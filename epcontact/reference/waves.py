@@ -219,7 +219,10 @@ def _wave_pressure(scene: Scene) -> FloatArray:
 
 @WESTERGAARD.gives("field.gap")
 def _wave_gap(scene: Scene) -> FloatArray:
-    """Return the gap in m at each grid point."""
+    """Return the gap at the last load in m, shaped as the surface.
+
+    Raises InvalidCase if the scene is no wave, or if the load closes every gap.
+    """
     wave = _Wave.in_partial_contact(scene)
     profile = wave.amplitude * line_gap(wave.position, wave.load)
     return np.broadcast_to(profile, scene.surface.shape[::-1]).T

@@ -168,7 +168,7 @@ def mean_with_interval(
 def root_mean_square(
     table: pd.DataFrame, value: str, by: Sequence[str]
 ) -> pd.DataFrame:
-    """Return means over groups of rows, and of one column the root mean square.
+    """Return means over groups of rows; for one column, its root mean square instead.
 
     Args:
         table: Rows, one for each surface, with a column `seed`, which is dropped.

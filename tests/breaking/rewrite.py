@@ -83,6 +83,7 @@ def matches(pattern, node, found):
 
 
 def _matches_fields(pattern, node, found):
+    """Compare two nodes of one type field by field, and fill `found`."""
     if isinstance(pattern, ast.Call) and ends_with_rest(pattern.args):
         return _matches_call(pattern, node, found)
     if isinstance(pattern, ast.Dict) and ends_with_rest(pattern.values):

@@ -69,7 +69,11 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
     y = ("cumulative_area", "fraction of the area with a smaller gap (–)")
 
     def row(ratio, seed, method, points, bandwidth):
-        """Return rows of the distribution at GAPS by a method on one surface."""
+        """Return rows of the distribution at GAPS by a method on one surface.
+
+        ratio: of the hardness to the modulus; bandwidth: of the longest to the shortest
+        wave.
+        """
         scene = paper.rough_scene(points, seed, bandwidth, ratio * paper.MODULUS)
         columns = {x[0]: GAPS, y[0]: cumulative(method, scene)}
         return pd.DataFrame(columns).to_dict("records")

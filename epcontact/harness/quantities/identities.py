@@ -115,7 +115,7 @@ def _expected_of_gap(solved: SolvedScene) -> dict[str, tuple[float, float]]:
 
 @quantity("–")
 def measured_fields(solved: SolvedScene) -> float:
-    """largest error of heights, displacement, gap (over the rms height) and state.
+    """largest error of state, and of heights, displacement, gap over the rms height.
 
     They follow from the pressures and the heights alone; a point in a wrong state
     counts as 1.

@@ -93,7 +93,7 @@ def measured_bounds(solved: SolvedScene) -> float:
 
 @quantity("–")
 def measured_gap(solved: SolvedScene) -> float:
-    """largest violation of the contact conditions over the rms height:
+    """largest violation of the Karush-Kuhn-Tucker conditions over the rms height:
     |g| where 0 < p < hardness, -g where p = 0, g where p = hardness.
 
     After a path that unloads, the surface is the one that the reported plastic
