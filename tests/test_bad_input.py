@@ -218,7 +218,7 @@ def test_all_mistakes_are_told_at_once(write_case):
     (sentence,) = refusals((HEAD, OMIT))
     assert sentence.startswith("omit is no key of a case file")
     # One that variants share is told once.
-    family = (("hurst =", "hurts ="), ("tolerance = 0.1,", "tolerence = 0.1,"))
+    family = (("hurst =", "hurts ="), ("tolerance = 0.1\n", "tolerence = 0.1\n"))
     assert refusals(*family, more=VARIANTS) == [
         "variant soft: surface.hurts is no key of a case file; did you mean 'hurst'?",
         "variant stiff: gate 1.tolerence is no key of a case file; did you mean "

@@ -30,6 +30,7 @@ NUMBER = re.compile(r"(?<![\w.#])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\
 #: Texts that differ from machine to machine and from run to run, and their stand-ins.
 VARYING = {
     r"\b\d+(\.\d+){2,}": "VERSION",
+    r"(?<=\d),(?=\d{3} MiB)": "",
     r"\b(?=\d*[a-f])[0-9a-f]{12,}\b": "DIGEST",
     r"version VERSION, commit .*": "MACHINE",
 }
