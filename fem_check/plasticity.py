@@ -21,8 +21,9 @@ a, radial return is
     theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)
 
 (box 3.2).  Another hardening law changes `J2Law`, `j2_law`, `_yield_radius`,
-`_plastic_excess` and `plastic_work_density` here, an option in `options` and the call
-of `j2_law` in `driver`.
+`_plastic_excess` and `plastic_work_density` here, an option in `options`, the call of
+`j2_law` in `driver`, and the table of stresses in `epcontact/peers/calculix.py`.  A law
+that is not linear also needs the accumulated strain in `_plastic_excess`.
 
 Only elements that have flowed have a history (e_p, a): they are few, and a history is
 large.  Two compiled loops work on LANES elements at a time (`lanes`).  `_stress_update`

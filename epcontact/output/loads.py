@@ -15,7 +15,7 @@ from typing import Any
 from epcontact.output.charts.style import unit_for
 from epcontact.results import COLUMNS
 
-#: A row of a load, see `epcontact.harness.answers.store.load_rows`.
+#: A row of a load, see `epcontact.harness.solving.method_results.load_rows`.
 Row = Mapping[str, Any]
 
 
