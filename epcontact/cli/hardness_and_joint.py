@@ -7,6 +7,10 @@ import click
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.reference.conductance import joint_conductance
 
+mean_pressure = click.option(
+    "--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa."
+)
+
 
 @click.command()
 @click.option("--yield-stress", type=float, required=True, help="sigma_Y in Pa.")
@@ -18,9 +22,7 @@ from epcontact.reference.conductance import joint_conductance
     required=True,
     help="Of all roughness, short waves included.",
 )
-@click.option(
-    "--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa."
-)
+@mean_pressure
 @click.option(
     "--breadth",
     type=float,
@@ -60,9 +62,7 @@ def hardness(**arguments: float) -> None:
 @click.option(
     "--effective-modulus", type=float, required=True, help="E* of both bodies, in Pa."
 )
-@click.option(
-    "--mean-pressure", type=float, required=True, help="Force over nominal area, in Pa."
-)
+@mean_pressure
 @click.option(
     "--breadth",
     type=float,
