@@ -32,7 +32,7 @@ VARYING = {
     r"\b\d+(\.\d+){2,}": "VERSION",
     r"(?<=\d),(?=\d{3} MiB)": "",
     r"\b(?=\d*[a-f])[0-9a-f]{12,}\b": "DIGEST",
-    r"version VERSION, commit .*": "MACHINE",
+    r"version VERSION, (commit|date) .*": "MACHINE",
 }
 #: Lines whose numbers are those of a clock, of a machine or of rounding.
 NOISE = re.compile(r"measured_|boundary elements \||\| yes \|")
