@@ -21,7 +21,20 @@ __all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name at its first use, so that `import fem_check` is cheap."""
+    """Import a public name of `fem_check` when it is used for the first time.
+
+    Python calls this function for names that the module does not define, so that
+    `import fem_check` is cheap.
+
+    Args:
+        name: of the attribute, one of those in `__all__`.
+
+    Returns:
+        The function or class of that name.
+
+    Raises:
+        AttributeError: `name` is not in `__all__`.
+    """
     if name not in __all__:
         raise AttributeError(f"module 'fem_check' has no attribute {name!r}")
     from fem_check import driver  # defines the compiled functions, which takes a second

@@ -18,21 +18,23 @@ _ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 def certify(
     problem: Problem, state: State, history: History, largest_force: float
 ) -> dict[str, float]:
-    """Return the residuals of the internal force that scikit-fem assembles.
+    """Return the residuals of a state, with internal forces that scikit-fem assembles.
 
     Only the stresses come from the solver's own loops.  Their mean part is constant in
-    an element, so that the standard form  int sigma : grad(v) dV  is the internal force
-    of the B-bar element.
+    an element, so that the standard form int sigma : grad(v) dV is the internal force
+    of the B-bar element (mean dilatation).
 
     Args:
-        problem: the problem.
-        state: converged.
-        history: of the elements at this state.
-        largest_force: of the path in N, to which the residuals are relative.
+        problem: the finite-element problem.
+        state: converged state of the problem.
+        history: plastic strains of the elements at this state.
+        largest_force: largest total contact force of the load path in N, to which the
+            residuals are relative.
 
     Returns:
-        certified_balance: norm of the unbalanced nodal forces.
-        certified_load: difference of the reaction of the base from the contact forces.
+        A dictionary of two dimensionless residuals: `certified_balance`, the norm of
+            the unbalanced nodal forces, and `certified_load`, the absolute difference
+            between the reaction of the base and the sum of the contact forces.
     """
     block = problem.block
     positions = block.positions()
@@ -55,11 +57,20 @@ def certify(
 def _layer_force(
     block: PeriodicBlock, positions: FloatArray, stress: FloatArray
 ) -> FloatArray:
-    """Return the (2, nx, ny, 3) internal force of one layer of elements, in N.
+    """Return the internal force of one layer of elements, assembled by scikit-fem.
 
-    `positions` (2, nx, ny, 3) in m are those of the levels above and below the layer,
-    `stress` (nx ny, 6, 8) is in Pa.  The mesh of scikit-fem has (nx + 1) (ny + 1)
-    columns of nodes; the last ones are copies of the first.
+    The mesh of scikit-fem has (nx + 1) (ny + 1) columns of nodes; the last row and
+    column of them are copies of the first, because the block is periodic.
+
+    Args:
+        block: the periodic block with nx times ny nodes on a level.
+        positions: (2, nx, ny, 3) positions x, y, z of the nodes on the level above and
+            on the level below the layer, in m.
+        stress: (nx ny, 6, 8) stresses xx, yy, zz, xy, yz, zx at the eight Gauss points
+            of each element, in Pa.
+
+    Returns:
+        (2, nx, ny, 3) forces on the nodes of these two levels, in N.
     """
     nx, ny = block.shape
     level, i, j = np.indices((2, nx + 1, ny + 1)).reshape(3, -1)

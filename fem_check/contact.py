@@ -43,9 +43,12 @@ MAX_STEPS = 200
 
 @compiled
 def _project(values, contact, zero_mean):
-    """Return the values on the contact nodes, and zeros elsewhere.
+    """Return the values on the contact nodes, and zeros elsewhere, as a new array.
 
-    With `zero_mean` the mean over the contact nodes is subtracted.
+    Args:
+        values: (nx, ny) in any unit.
+        contact: (nx, ny) True for the contact nodes; at least one if `zero_mean`.
+        zero_mean: whether the mean over the contact nodes is subtracted there.
     """
     nx, ny = values.shape
     mean = 0.0
@@ -77,7 +80,7 @@ def solve_contact_forces(
 
     Conjugate gradients are preconditioned by 1/compliance.  A prescribed load makes the
     approach an unknown; residuals and directions then have zero mean over the contact
-    nodes.
+    nodes.  After 499 iterations the result is returned as it is, without an error.
 
     Args:
         compliance: (nx // 2 + 1, ny) displacement per force of each wave, in m/N.
@@ -85,12 +88,12 @@ def solve_contact_forces(
             approach is added.
         contact: (nx, ny) True for the contact nodes.
         load: sum of the forces, in N; None: the approach is 0.
-        start: (nx, ny) first guess of the forces, in N.
+        start: (nx, ny) first guess of the forces, in N; None: no forces.
         tolerance: factor by which the residual is reduced.
 
     Returns:
         forces: (nx, ny) in N, zero outside of the contact.
-        approach: in m.
+        approach: in m; 0 if no node is in contact.
     """
     count = int(contact.sum())
     nx = contact.shape[0]
@@ -98,9 +101,14 @@ def solve_contact_forces(
         return np.zeros(contact.shape), 0.0
 
     def project(values: FloatArray) -> FloatArray:
+        """Return (nx, ny) `values` on the contact nodes, and zeros elsewhere.
+
+        In load control, their mean over the contact nodes is subtracted.
+        """
         return np.asarray(_project(values, contact, load is not None))
 
     def displacement(forces: FloatArray) -> FloatArray:
+        """Return the (nx, ny) downward displacement in m under (nx, ny) forces in N."""
         return inverse_transform(compliance * transform(forces), nx)
 
     forces = np.zeros(contact.shape)
@@ -137,9 +145,14 @@ def shift_to_load(forces: FloatArray, cap: float, load: float | None) -> FloatAr
     """Return the forces plus the constant at which they carry a load.
 
     Args:
-        forces: (nx, ny) in N; a node carries its force clipped to 0 and the cap.
+        forces: (nx, ny) in N; a node carries its force clipped to the range from 0 to
+            the cap.
         cap: largest nodal force in N; may be infinite.
-        load: in N; None: the forces are returned as they are.
+        load: sum of the clipped forces in N; None: the forces are returned as they are.
+
+    Returns:
+        (nx, ny) forces in N, not clipped.  If all nodes at the cap carry less than the
+        load, the forces are shifted beyond the cap and carry too little.
     """
     if load is None:
         return forces
@@ -164,15 +177,22 @@ def predict_states(
     stiffness: float,
     load: float | None = None,
 ) -> States:
-    """Predict the contact states of the next iteration.
+    """Predict the contact states of the next iteration from forces and gaps.
+
+    A node's predicted force is its force less `PREDICTION` (0.3) times the stiffness
+    times its gap.  The node is apart where this force is not positive, plastic where it
+    reaches the cap, and elastic otherwise.
 
     Args:
-        forces: (nx, ny) present forces, in N.
-        gap: (nx, ny) present gaps, in m.
-        cap: largest nodal force, in N.
-        stiffness: force per displacement of the shortest wave, in N/m; `PREDICTION` of
-            it converts gaps to forces.
-        load: that the predicted forces carry, in N; None: any load.
+        forces: (nx, ny) present downward forces, in N.
+        gap: (nx, ny) present gaps between the top and the flat, in m.
+        cap: largest nodal force, in N; may be infinite.
+        stiffness: force per displacement of the shortest wave, in N/m.
+        load: sum in N to which a constant shifts the predicted forces; None: they are
+            not shifted.  At least one node is then elastic.
+
+    Returns:
+        (nx, ny) states APART, ELASTIC or PLASTIC.
     """
     predicted = shift_to_load(forces - PREDICTION * stiffness * gap, cap, load)
     states = np.full(forces.shape, ELASTIC, dtype=np.int8)
@@ -205,7 +225,12 @@ class SurfaceContact:
 class _ElasticBody:
     """An elastic body under a rigid flat; arguments of `rigid_contact`.
 
-    Without a load, the heights contain the prescribed approach.
+    Attributes:
+        compliance: (nx // 2 + 1, ny) displacement of the top per force of each wave, in
+            m/N.
+        heights: (nx, ny) in m; without a load, they contain the prescribed approach.
+        load: sum of the forces, in N; None: the approach is prescribed.
+        cap: largest nodal force, in N; may be infinite.
     """
 
     compliance: FloatArray
@@ -215,28 +240,56 @@ class _ElasticBody:
 
     @property
     def stiffness(self) -> float:
-        """Force per displacement of the shortest wave, in N/m."""
+        """Force per displacement of the body's shortest wave, in N/m.
+
+        It is 1 over the smallest compliance.
+        """
         return 1.0 / float(self.compliance.min())
 
     def displacement(self, forces: FloatArray) -> FloatArray:
-        """Return the downward displacement of the top, in m."""
+        """Return the (nx, ny) downward displacement of the body's top, in m.
+
+        `forces` are the (nx, ny) downward nodal forces, in N.
+        """
         spectrum = self.compliance * transform(forces)
         return inverse_transform(spectrum, len(self.heights))
 
     def gap(self, forces: FloatArray) -> FloatArray:
-        """Return the gap in m; a prescribed load leaves a constant unknown."""
+        """Return the (nx, ny) gap of the body in m, less the approach of the flat.
+
+        It is the downward displacement less the heights.  In approach control the
+        heights contain the approach; in load control the approach is an unknown
+        constant.
+
+        Args:
+            forces: (nx, ny) downward nodal forces, in N.
+        """
         return self.displacement(forces) - self.heights
 
     def allowed(self, forces: FloatArray) -> FloatArray:
-        """Return the forces, changed to be within the bounds and carry the load."""
+        """Return (nx, ny) forces in N within the bounds, which carry the body's load.
+
+        A constant is added to `forces` (nx, ny) in N, and the sum is clipped to the
+        range from 0 to the cap.  Without a load, the forces are only clipped.
+        """
         return np.clip(shift_to_load(forces, self.cap, self.load), 0, self.cap)
 
     def solve_on_sets(
         self, states: States, start: FloatArray, tolerance: float
     ) -> tuple[FloatArray, float]:
-        """Return forces and approach for given contact states.
+        """Return the body's contact forces and the approach for given contact states.
 
-        `start` and `tolerance` are those of `solve_contact_forces`.
+        Plastic nodes carry the cap, elastic nodes touch the flat, the others carry
+        nothing.
+
+        Args:
+            states: (nx, ny) APART, ELASTIC or PLASTIC.
+            start: (nx, ny) first guess of the forces, in N.
+            tolerance: factor by which conjugate gradients reduce the residual.
+
+        Returns:
+            forces: (nx, ny) in N; those of elastic nodes may be negative.
+            approach: of the flat, in m; 0 if no load is prescribed.
         """
         capped = np.where(states == PLASTIC, self.cap, 0.0)
         elastic_load = None
@@ -254,9 +307,17 @@ class _ElasticBody:
         return forces, approach
 
     def lower_energy(self, forces: FloatArray, solved: FloatArray) -> FloatArray:
-        """Step from forces towards the solved ones, inside the bounds.
+        """Return forces after a step that lowers the body's energy, inside the bounds.
 
-        If the energy rises that way, the step is along its gradient.
+        The step is from `forces` towards `solved`, or along the energy's gradient if
+        the energy rises on the way to `solved`.
+
+        Args:
+            forces: (nx, ny) present forces, in N; they are first moved into the bounds.
+            solved: (nx, ny) forces of `solve_on_sets`, in N.
+
+        Returns:
+            (nx, ny) new forces, in N.
         """
         forces = self.allowed(forces)
         gap = self.gap(forces)
@@ -278,15 +339,20 @@ def rigid_contact(
     """Solve the contact of a rigid flat with an elastic body.
 
     Args:
-        compliance: (nx // 2 + 1, ny) displacement of the top per force of each wave,
-            in m/N.
-        heights: (nx, ny) in m.
+        compliance: (nx // 2 + 1, ny) displacement of the top per force of each wave, in
+            m/N.
+        heights: (nx, ny) heights of the top, in m, positive toward the flat.
         load: sum of the forces, in N; None: the approach is prescribed.
-        approach: d in m, if no load is prescribed.
-        cap: largest nodal force, in N.
+        approach: d in m, if no load is prescribed; the flat is at the height -d.
+        cap: largest nodal force, in N; may be infinite.
+
+    Returns:
+        The nodal forces in N, the contact states, and the approach in m.
 
     Raises:
-        NotConverged: the contact sets still change after `MAX_STEPS` Newton steps.
+        NotConverged: the contact sets still change after `MAX_STEPS` (200) Newton
+            steps; the error's history holds the fraction of nodes that changed in each
+            step.
     """
     if load is None:
         heights = heights + approach

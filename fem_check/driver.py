@@ -91,9 +91,27 @@ def solve_path(
     threads: int | None = None,
     **changes: Any,
 ) -> SolvedPath:
-    """Solve as `solve` does, but return the finite-element state of every point.
+    """Solve the contact of a scene and return the finite-element state at every point.
 
-    Arguments and errors are those of `solve`.
+    Args:
+        scene: the surface, the material, the body and the mean pressures.
+        options: of the solve; None: the defaults of `FemOptions`.
+        progress: called after each point of the path with the fraction of the points
+            that are solved and a sentence.
+        output: folder for .vtu and .pvd files of the points; None: no files.
+        threads: number of threads; None: as many as there are cores.
+        changes: single options by name, as in `solve_path(scene, law="elastic")`.
+
+    Returns:
+        The problem, one state for each mean pressure (or each approach of the options),
+        and the history of the elements at the end.
+
+    Raises:
+        InvalidScene: the options contradict each other or the scene.
+        NotConverged: an increment failed, or scikit-fem does not confirm the last
+            state.
+        NotEnoughMemory: the block does not fit into the free memory.
+        OutputError: a file could not be written.
 
     Example:
         >>> from epcontact.scene import Load, Material, Scene, Surface
@@ -134,7 +152,13 @@ def solve_path(
 
 
 def _require_certificate(certificate: dict[str, float], tolerance: float) -> None:
-    """Raise NotConverged if scikit-fem does not confirm a converged state."""
+    """Raise NotConverged if scikit-fem does not confirm a converged state.
+
+    Args:
+        certificate: residuals from `certify`; only `certified_balance` is checked,
+            against ten times the tolerance and at least 1e-12.
+        tolerance: of the solve, dimensionless.
+    """
     # The certificate adds up forces in another order, and may be ten times as large.
     balance = certificate["certified_balance"]
     if balance > max(10 * tolerance, 1e-12):
@@ -146,22 +170,23 @@ def _require_certificate(certificate: dict[str, float], tolerance: float) -> Non
 
 
 def surface_compliance(scene: Scene, **block: Any) -> FloatArray:
-    """Return the compliance of the block's surface.
+    """Return the elastic compliance of the finite-element block's surface.
 
-    With it, other methods can solve exactly the same elastic body.
+    With these values, other methods can solve exactly the same elastic body.
 
     Args:
         scene: the surface's grid, the material and the body.
         block: its depth, layers and first_layer, as in `FemOptions`.
 
     Returns:
-        m/Pa, one value for each mode of numpy.fft.rfft2 (rfft for a line) of the
-        scene's grid.  The mode q = 0 of a bonded layer is its depth over the oedometric
-        modulus.
+        Downward displacement per pressure in m/Pa, one value for each mode of
+        numpy.fft.rfft2 (nx, ny // 2 + 1) of the scene's grid, or of rfft for a line.
+        The mode q = 0 of a bonded layer is its depth over the oedometric modulus.
 
     Raises:
         InvalidScene: a length is not positive, or the depth is not that of the scene's
             layer.
+        NotEnoughMemory: the block does not fit into the free memory.
 
     Example:
         >>> from epcontact.scene import Body, Load, Material, Scene, Surface
@@ -182,15 +207,17 @@ def surface_compliance(scene: Scene, **block: Any) -> FloatArray:
 
 
 def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Problem:
-    """Return the finite-element problem of a scene.
+    """Return the finite-element problem of a scene, with the factorised stiffness.
 
     Args:
-        scene: the scene.
+        scene: the surface, the material, the body and the mean pressures.
         options: of the solve.
-        threads: as in `solve`.
+        threads: number of threads of all later solves; None: as many as there are
+            cores.
 
     Raises:
-        InvalidScene: the options contradict the scene.
+        InvalidScene: the options contradict the scene, the moved top is too rough for
+            the layers, or `threads` is not a positive integer.
         NotEnoughMemory: the block does not fit into the free memory.
     """
     options.require_strengths(scene)
@@ -248,6 +275,10 @@ def slopes(heights: FloatArray, spacing: tuple[float, float]) -> FloatArray:
     """
 
     def difference(nodes: int, axis: int) -> FloatArray:
+        """Return (nx, ny) heights `nodes` ahead less those `nodes` behind, in m.
+
+        The nodes are counted along `axis`, 0 for x or 1 for y.
+        """
         ahead = np.roll(heights, -nodes, axis)
         return np.asarray(ahead - np.roll(heights, nodes, axis))
 

@@ -64,8 +64,10 @@ def disjoint_layers(
         selected: (k,) ascending numbers of the elements that are meant; None: all.
 
     Returns:
-        Groups of (r, 2) ranges of indices into `selected` (or element numbers), one
-        range per layer.  Elements without layers are a single range.
+        Two groups, every other layer from the top and the rest.  A group is an (r, 2)
+        array with the first index and the stop index of each layer, which count entries
+        of `selected`, or elements if it is None.  Elements without layers are a single
+        group of one range.
     """
     shapes = bricks.shape_of
     if selected is not None:
@@ -120,7 +122,9 @@ def elements_of(
 def strain_operator(
     bricks: Elements, shape: int, *, mean_dilatation: bool = True
 ) -> FloatArray:
-    """Return the (8 Gauss points, 6, 24) strain operator B of one shape, in 1/m.
+    """Return the (8, 6, 24) strain operator B of one shape of elements, in 1/m.
+
+    B[g] times the 24 nodal displacements in m is the strain at Gauss point g.
 
     Args:
         bricks: the elements.
@@ -129,7 +133,7 @@ def strain_operator(
             without it locks.
 
     Returns:
-        The rows are xx, yy, zz, xy, yz, zx with engineering shears; the columns are
+        The six rows are xx, yy, zz, xy, yz, zx with engineering shears; the columns are
         3 corner + component.
     """
     g = np.moveaxis(bricks.gradients[shape], 2, 0)  # [Gauss point, j, a]
@@ -153,14 +157,17 @@ def elastic_stiffness(
     *,
     mean_dilatation: bool = True,
 ) -> FloatArray:
-    """Return the (24, 24) elastic stiffness of one shape, in N/m.
+    """Return the (24, 24) elastic stiffness of one shape of elements, in N/m.
+
+    Rows and columns are 3 corner + component.
 
     Args:
         bricks: the elements.
-        shape: index of the shape.
+        shape: index of the shape in `bricks`.
         shear_modulus: in Pa.
         bulk_modulus: in Pa.
-        mean_dilatation: as in `strain_operator`.
+        mean_dilatation: whether the element has mean dilatation (B-bar); the plain
+            element without it locks.
     """
     D = np.diag([2 * shear_modulus] * 3 + [shear_modulus] * 3)
     D[:3, :3] += bulk_modulus - 2 * shear_modulus / 3
@@ -172,7 +179,15 @@ def elastic_stiffness(
 
 
 def deviatoric_stiffness(bricks: Elements, shape: int) -> FloatArray:
-    """Return (8, 24, 24) the integral of dev e : dev e at each Gauss point, in m."""
+    """Return the (8, 24, 24) integrals of dev e : dev e at each Gauss point, in m.
+
+    2 mu times their sum over the Gauss points is the deviatoric elastic stiffness, with
+    the local strain e.  Rows and columns are 3 corner + component.
+
+    Args:
+        bricks: the elements.
+        shape: index of the shape in `bricks`.
+    """
     B = strain_operator(bricks, shape, mean_dilatation=False)
     B[:, :3] -= B[:, :3].mean(axis=1, keepdims=True)
     # Engineering shears g count as 2 (g/2)^2 in the double contraction.
