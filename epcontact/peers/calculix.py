@@ -1,23 +1,26 @@
-"""CalculiX as a method, and its input file: a code that the field trusts, on our block.
+"""CalculiX, a finite-element code, as a method, and its input file.
 
-The block, its law and its load are those of `fem_check`; elements, solver and contact
-are CalculiX's own.  Each top node presses through a unilateral spring (GAPUNI) on a
-node of a rigid flat, and the loads act on the flat.  The periodic edges are tied by
-equations.
+CalculiX solves the block of `fem_check` with the same material law and load, but with
+elements, solver and contact of its own.  Each top node of the block presses through a
+unilateral spring (element type GAPUNI) on a node of a rigid flat.  The loads act on the
+flat.  Equations tie the periodic edges.
 
-Three things differ from `fem_check`, and `epcontact crosscheck` changes each alone:
+Three things differ from `fem_check`; `epcontact crosscheck` changes one at a time:
 
-    element              C3D8I has incompatible modes, C3D8 nothing against locking,
-                         ours the mean dilatation; all of them meet on finer grids
-    penalty              the springs yield by pressure times spacing over PENALTY E
-    large displacements  GAPUNI needs NLGEOM, with which the body is at finite
-                         strain: a part that falls as the slope of the surface,
-                         and that small strain leaves out
+    element              C3D8I has incompatible modes, C3D8 has nothing against locking,
+                         and `fem_check` has the mean dilatation; their results
+                         converge to each other on finer grids
+    penalty              a spring shortens by force / (PENALTY E spacing)
+    large displacements  GAPUNI needs the option NLGEOM, with which the body has finite
+                         strains; `fem_check` has small strains, and the difference
+                         decreases with the slope of the surface
 
-On elastic blocks of small slope C3D8 has the pressures of a plain assembly of linear
-elasticity to 6e-4, which is the springs' part (tests/test_calculix.py).
+On elastic blocks of small slope the pressures with C3D8 agree with those of a plain
+assembly of linear elasticity to 6e-4, which is the error of the springs
+(tests/test_calculix.py).
 
-CalculiX reads at most twenty characters of a number, so numbers have thirteen digits.
+CalculiX reads at most twenty characters of a number; numbers are written with thirteen
+digits.
 """
 
 from __future__ import annotations
@@ -25,12 +28,13 @@ from __future__ import annotations
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from epcontact import results
 from epcontact.errors import InvalidScene, NotConverged, sentence_of
@@ -45,20 +49,26 @@ from fem_check.problem import Problem
 from fem_check.result import areas, distribution
 from fem_check.vtu import mesh_of
 
-PROGRAM, ELEMENT = "ccx", "C3D8I"
-#: Stiffness of a spring over E times the spacing, and its pull across an open gap over
-#: the force on a node (the default of CalculiX is 1e-3 in the scene's own unit of
-#: force).
-PENALTY, PULL = 1e3, 1e-7
-#: What `epcontact crosscheck` changes, by its name: arguments of `solve`.
+#: Name of CalculiX's executable.
+PROGRAM = "ccx"
+#: CalculiX's name of the element: eight nodes, with incompatible modes.
+ELEMENT = "C3D8I"
+#: Stiffness of a spring over Young's modulus times the grid spacing.
+PENALTY = 1e3
+#: Tensile force of a spring across an open gap, over the force on a node at the largest
+#: mean pressure.  CalculiX's default is 1e-3 in the unit of force of the input file.
+PULL = 1e-7
+#: The variants of `solve` that `epcontact crosscheck` adds to its table: for the name
+#: of each row the arguments that differ from the defaults.
 CHANGES: dict[str, dict[str, Any]] = {
     "calculix, C3D8": {"element": "C3D8"},
     "calculix, stiffer springs": {"penalty": 10 * PENALTY},
 }
-#: Relative size of the residual forces and of the last correction.
+#: Relative size of the residual forces and of the last correction at which CalculiX
+#: stops its iterations.
 TOLERANCE = 1e-7
-#: Names that meshio has for the formats of bricks with data on their nodes; gmsh reads
-#: VTK's 4.2.
+#: For each file ending that `export` accepts beside .inp, meshio's name of the format.
+#: "vtk42" is version 4.2 of VTK's legacy format, the newest one that gmsh reads.
 _FORMATS = {
     ".vtu": "vtu",
     ".vtk": "vtk42",
@@ -68,6 +78,27 @@ _FORMATS = {
 }
 
 
+# --- the input file
+
+
+@dataclass(frozen=True)
+class _NodeNumbers:
+    """The node numbers of an input file, which count from 1.
+
+    Attributes:
+        block: (nz + 1, nx + 1, ny + 1); level 0 is the top, and the last index along x
+            and y is the copy of index 0 at the periodic edge.
+        top: (nx * ny,), the nodes of the top without the copies.
+        flat: (nx * ny,), the node of the rigid flat above each of these.
+        whole: the node that moves with the complete flat and carries its load.
+    """
+
+    block: NDArray[np.int_]
+    top: NDArray[np.int_]
+    flat: NDArray[np.int_]
+    whole: int
+
+
 def deck(
     problem: Problem,
     scene: Scene,
@@ -75,11 +106,52 @@ def deck(
     element: str = ELEMENT,
     penalty: float = PENALTY,
 ) -> str:
-    """The input file of a scene: block, springs, equations, and a step for each mean
-    pressure. Raises InvalidScene.
-    """
-    import meshio
+    """Return the text of CalculiX's input file for a scene.
 
+    The file has the block, the springs, the equations of the periodic edges, and a step
+    for each mean pressure of the load path.
+
+    Args:
+        problem: the block of the scene, from `problem_of(scene, options)`.
+        scene: the scene; all mean pressures must be positive.
+        options: the law "elastic" or "j2", with the geometry "gap" and no approach.
+        element: CalculiX's name of the element, such as "C3D8I".
+        penalty: stiffness of a spring over Young's modulus times the grid spacing.
+
+    Raises:
+        InvalidScene: if CalculiX is not used for such options or such a load.
+    """
+    _require_supported(scene, options)
+    block = problem.block
+    nx, ny = block.shape
+    mesh = mesh_of(problem, reference=True)
+    count = len(mesh.points)
+    block_numbers = np.arange(1, count + 1).reshape(-1, nx + 1, ny + 1)
+    flat = np.arange(nx * ny) + count + 1
+    nodes = _NodeNumbers(
+        block=block_numbers,
+        top=block_numbers[0, :-1, :-1].ravel(),
+        flat=flat,
+        whole=int(flat[-1]) + 1,
+    )
+    lines = [
+        *_mesh_lines(mesh, element),
+        *_flat_lines(problem, mesh, nodes),
+        *_spring_lines(problem, scene, nodes, penalty),
+        *_equation_lines(nodes),
+        *_boundary_lines(nodes, block.sliding),
+        *_material_lines(scene, options),
+        "*ELSET, ELSET=upper, GENERATE",
+        f"1, {nx * ny}, 1",
+    ]
+    for pressure in scene.load.path:
+        force = pressure * block.node_area * nx * ny
+        lines += _step_lines(force, options)
+    return "\n".join(lines) + "\n"
+
+
+def _require_supported(scene: Scene, options: FemOptions) -> None:
+    """Raise InvalidScene if CalculiX is not used for these options or this load."""
     if (
         options.law == "capped"
         or options.geometry != "gap"
@@ -93,8 +165,15 @@ def deck(
         raise InvalidScene(
             "mean_pressure is 0, but calculix needs a load that holds the flat"
         )
-    (nx, ny), material, block = problem.block.shape, scene.material, problem.block
-    mesh = mesh_of(problem, reference=True)
+
+
+def _mesh_lines(mesh: Any, element: str) -> list[str]:
+    """Return the lines with nodes, elements and node sets of a `meshio.Mesh`.
+
+    `element` is CalculiX's name of the element.
+    """
+    import meshio
+
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.inp"
         meshio.abaqus.write(file, mesh, float_fmt=".12e", translate_cell_names=False)
@@ -102,91 +181,257 @@ def deck(
     text = text.replace(
         "*ELEMENT, TYPE=hexahedron", f"*ELEMENT, TYPE={element}, ELSET=block"
     )
-    number = np.arange(1, len(mesh.points) + 1).reshape(-1, nx + 1, ny + 1)
-    top, flat = number[0, :-1, :-1].ravel(), np.arange(nx * ny) + number.size + 1
-    whole = flat[-1] + 1
-    clearance = problem.heights.max() - problem.heights.ravel()
-    # Springs end a spacing above the block, where a viewer shows them.
-    above, bricks = min(block.spacing), problem.bricks.number
-    spring, pull = penalty * material.young_modulus * above, _pull(problem, scene)
-    lines = [line.rstrip() for line in text.splitlines()] + ["*NODE, NSET=flat"]
-    where = mesh.points[top - 1] + [0, 0, 1] * (above + clearance[:, None])
-    lines += [
-        f"{n}, " + ", ".join(map(_number, x)) for n, x in zip(flat, where, strict=True)
-    ]
-    lines += ["*NODE, NSET=whole", f"{whole}, 0., 0., {_number(2 * above)}"]
-    for spot, (a, b, gap) in enumerate(
-        zip(top, flat, clearance, strict=True), bricks + 1
-    ):
-        lines += [f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spot}", f"{spot}, {a}, {b}"]
-        lines += [f"*GAP, ELSET=gap{spot}"]
-        lines += [f"{_number(gap)}, 0., 0., 1., , {_number(spring)}, {_number(pull)}"]
-    lines += ["*EQUATION"]
-    source = np.pad(number[:-1, :-1, :-1], [(0, 0), (0, 1), (0, 1)], mode="wrap")
-    tied = source != number[:-1]
-    for image, node in zip(number[:-1][tied], source[tied], strict=True):
-        lines += [f"2\n{image}, {axis}, 1., {node}, {axis}, -1." for axis in (1, 2, 3)]
-    lines += [f"2\n{node}, 3, 1., {whole}, 3, -1." for node in flat]
-    base = [
-        f"{node}, {'3, 3' if block.sliding else '1, 3'}" for node in number[-1].ravel()
-    ]
-    held = [f"{number[-1, 0, 0]}, 1, 3"] * block.sliding
-    lines += ["*BOUNDARY", *base, *held, "flat, 1, 2", "whole, 1, 2"]
-    lines += ["*MATERIAL, NAME=solid", "*ELASTIC"]
-    lines += [f"{_number(material.young_modulus)}, {_number(material.poisson_ratio)}"]
+    return [line.rstrip() for line in text.splitlines()]
+
+
+def _clearances(problem: Problem) -> FloatArray:
+    """Return the gaps (m, shape (nx, ny)) to a flat that touches the highest point."""
+    return np.asarray(problem.heights.max() - problem.heights)
+
+
+def _flat_lines(problem: Problem, mesh: Any, nodes: _NodeNumbers) -> list[str]:
+    """Return the lines with the nodes of the rigid flat.
+
+    They lie a grid spacing above the block (`mesh`, a `meshio.Mesh`), where a viewer
+    shows them.  Their distance does not matter: the springs have the gaps.
+    """
+    spacing = min(problem.block.spacing)
+    clearance = _clearances(problem).reshape(-1, 1)
+    points = mesh.points[nodes.top - 1] + [0, 0, 1] * (spacing + clearance)
+    lines = ["*NODE, NSET=flat"]
+    for node, point in zip(nodes.flat, points, strict=True):
+        coordinates = ", ".join(map(_number, point))
+        lines.append(f"{node}, {coordinates}")
+    lines.append("*NODE, NSET=whole")
+    lines.append(f"{nodes.whole}, 0., 0., {_number(2 * spacing)}")
+    return lines
+
+
+def _spring_lines(
+    problem: Problem, scene: Scene, nodes: _NodeNumbers, penalty: float
+) -> list[str]:
+    """Return the lines with a unilateral spring between each top node and the flat.
+
+    `penalty` is the stiffness over Young's modulus times the grid spacing.
+    """
+    spacing = min(problem.block.spacing)
+    stiffness = _number(penalty * scene.material.young_modulus * spacing)
+    pull = _number(_pull(problem, scene))
+    first_spring = problem.bricks.number + 1
+    pairs = zip(nodes.top, nodes.flat, _clearances(problem).ravel(), strict=True)
+    lines = []
+    for spring, (top, flat, clearance) in enumerate(pairs, first_spring):
+        lines.append(f"*ELEMENT, TYPE=GAPUNI, ELSET=gap{spring}")
+        lines.append(f"{spring}, {top}, {flat}")
+        lines.append(f"*GAP, ELSET=gap{spring}")
+        # Clearance, direction (0, 0, 1), an unused field, stiffness, tensile force.
+        lines.append(f"{_number(clearance)}, 0., 0., 1., , {stiffness}, {pull}")
+    return lines
+
+
+def _equation_lines(nodes: _NodeNumbers) -> list[str]:
+    """Return the lines that tie copies to their nodes, and the flat's nodes together.
+
+    Each equation says that two degrees of freedom are equal.  The base has none,
+    because it is fixed.
+    """
+    above_base = nodes.block[:-1]
+    periodic = [(0, 0), (0, 1), (0, 1)]
+    originals = np.pad(above_base[:, :-1, :-1], periodic, mode="wrap")
+    is_copy = originals != above_base
+    lines = ["*EQUATION"]
+    for copy, node in zip(above_base[is_copy], originals[is_copy], strict=True):
+        for axis in (1, 2, 3):
+            lines.append(f"2\n{copy}, {axis}, 1., {node}, {axis}, -1.")
+    for node in nodes.flat:
+        lines.append(f"2\n{node}, 3, 1., {nodes.whole}, 3, -1.")
+    return lines
+
+
+def _boundary_lines(nodes: _NodeNumbers, slides: bool) -> list[str]:
+    """Return the lines with the fixed degrees of freedom.
+
+    The flat moves along z only.  If the base slides, its nodes are fixed along z, and
+    one of them along all axes; else all are fixed along all axes.
+    """
+    base = nodes.block[-1].ravel()
+    axes = "3, 3" if slides else "1, 3"
+    lines = ["*BOUNDARY"]
+    lines += [f"{node}, {axes}" for node in base]
+    if slides:
+        lines.append(f"{base[0]}, 1, 3")
+    return [*lines, "flat, 1, 2", "whole, 1, 2"]
+
+
+def _material_lines(scene: Scene, options: FemOptions) -> list[str]:
+    """Return the lines with the elastic constants and, for J2, the yield curve."""
+    material = scene.material
+    elastic = (_number(material.young_modulus), _number(material.poisson_ratio))
+    lines = ["*MATERIAL, NAME=solid", "*ELASTIC", ", ".join(elastic)]
     if options.law == "j2":
-        limit, slope = material.yield_stress, options.hardening
-        lines += ["*PLASTIC", f"{_number(limit)}, 0.", f"{_number(limit + slope)}, 1."]
-    lines += ["*SOLID SECTION, ELSET=block, MATERIAL=solid"]
-    lines += ["*ELSET, ELSET=upper, GENERATE", f"1, {nx * ny}, 1"]
-    for pressure in scene.load.path:
-        force = -pressure * block.node_area * nx * ny
-        lines += ["*STEP, NLGEOM, INC=10000", "*CONTROLS, PARAMETERS=FIELD"]
-        lines += [f"{TOLERANCE}, {TOLERANCE}, , , {TOLERANCE}", "*STATIC"]
-        share = 1 / options.steps if options.law == "j2" else 1.0  # equal increments
-        lines += [f"{_number(share)}, 1., 1e-6, {_number(share)}"]
-        lines += ["*CLOAD", f"whole, 3, {_number(force)}"]
-        for nodes, printed in (("flat", "RF"), ("top", "U"), ("whole", "U")):
-            lines += [f"*NODE PRINT, NSET={nodes}, FREQUENCY=10000", printed]
-        lines += ["*EL PRINT, ELSET=upper, FREQUENCY=10000", "PEEQ"] * (
-            options.law == "j2"
-        )
-        lines += ["*END STEP"]
-    return "\n".join(lines) + "\n"
+        # Stress at the plastic strains 0 and 1: hardening is linear.
+        first = material.yield_stress
+        second = first + options.hardening
+        lines += ["*PLASTIC", f"{_number(first)}, 0.", f"{_number(second)}, 1."]
+    return [*lines, "*SOLID SECTION, ELSET=block, MATERIAL=solid"]
+
+
+def _step_lines(force: float, options: FemOptions) -> list[str]:
+    """Return the lines of a step to a downward force (N) on the flat.
+
+    A step prints, in this order, the tables that `_read_step` reads: the forces on the
+    nodes of the flat, the displacements of the top and of the flat and, of a J2 body,
+    the plastic strains of the top layer of elements.
+    """
+    is_j2 = options.law == "j2"
+    # A J2 body is loaded in equal increments, an elastic one at once.
+    increment = 1 / options.steps if is_j2 else 1.0
+    lines = [
+        "*STEP, NLGEOM, INC=10000",
+        "*CONTROLS, PARAMETERS=FIELD",
+        f"{TOLERANCE}, {TOLERANCE}, , , {TOLERANCE}",
+        "*STATIC",
+        f"{_number(increment)}, 1., 1e-6, {_number(increment)}",
+        "*CLOAD",
+        f"whole, 3, {_number(-force)}",
+    ]
+    for nodes, quantity in (("flat", "RF"), ("top", "U"), ("whole", "U")):
+        lines += [f"*NODE PRINT, NSET={nodes}, FREQUENCY=10000", quantity]
+    if is_j2:
+        lines += ["*EL PRINT, ELSET=upper, FREQUENCY=10000", "PEEQ"]
+    return [*lines, "*END STEP"]
 
 
 def _number(x: float) -> str:
+    """Return a number as the input file has it, with thirteen digits."""
     return f"{x:.12e}"
 
 
 def _pull(problem: Problem, scene: Scene) -> float:
-    """The force in N of an open spring."""
+    """Return the tensile force in N of the spring across an open gap."""
     return PULL * max(scene.load.path) * problem.block.node_area
 
 
-def _ran(text: str, folder: Path) -> tuple[list[FloatArray], int]:
-    """Run an input file; the tables that it printed, in their order, and its
-    iterations.
+# --- the solve
+
+
+def _run_ccx(text: str, folder: Path) -> tuple[list[FloatArray], int]:
+    """Run CalculiX on the text of an input file.
+
+    Args:
+        text: from `deck`.
+        folder: an existing folder for CalculiX's files.
+
+    Returns:
+        The tables that CalculiX printed, in the order of the input file, each of shape
+        (rows, columns), and the number of its iterations.
+
+    Raises:
+        NotConverged: if CalculiX reports an error, dies, or prints no tables.
     """
     (folder / "block.inp").write_text(text, encoding="utf-8")
-    how: dict[str, Any] = {"capture_output": True, "text": True, "errors": "replace"}
-    done = subprocess.run([PROGRAM, "block"], cwd=folder, check=False, **how)
-    said = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line]
+    process = subprocess.run(
+        [PROGRAM, "block"],
+        cwd=folder,
+        check=False,
+        capture_output=True,
+        text=True,
+        errors="replace",
+    )
+    log = process.stdout.splitlines()
+    errors = [line.strip() for line in log if "*ERROR" in line]
     printed = folder / "block.dat"
-    if done.returncode or said or not printed.is_file():
-        why = said[0] if said else f"it {describe_death(done.returncode)}"
-        raise NotConverged(f"CalculiX did not solve the block: {why}")
+    if process.returncode or errors or not printed.is_file():
+        reason = f"it {describe_death(process.returncode)}"
+        if errors:
+            reason = errors[0]
+        raise NotConverged(f"CalculiX did not solve the block: {reason}")
     tables: list[list[list[float]]] = []
     for line in printed.read_text(encoding="utf-8").splitlines():
         words = line.split()
-        if words and not words[0].lstrip("-").isdigit():
-            tables.append([])
-        elif words:
+        if not words:
+            continue
+        if words[0].lstrip("-").isdigit():
             tables[-1].append([float(word) for word in words])
-    iterations = sum(
-        line.startswith(" iteration ") for line in done.stdout.splitlines()
-    )
+        else:  # the heading of the next table
+            tables.append([])
+    iterations = sum(line.startswith(" iteration ") for line in log)
     return [np.array(table) for table in tables], iterations
+
+
+@dataclass(frozen=True)
+class _StepTables:
+    """What CalculiX printed for one load.
+
+    Attributes:
+        forces: (nx, ny) downward forces on the top nodes, in N.
+        lowered: (nx, ny) downward displacements of the top nodes, in m.
+        approach: downward displacement of the flat, in m.
+        flowed: (nx, ny) True for the top nodes of elements with a plastic strain.
+    """
+
+    forces: FloatArray
+    lowered: FloatArray
+    approach: float
+    flowed: NDArray[np.bool_]
+
+
+def _read_step(
+    tables: Iterator[FloatArray], shape: tuple[int, int], is_j2: bool
+) -> _StepTables:
+    """Return the values of the next load from the tables that CalculiX printed.
+
+    Args:
+        tables: the tables; those of one load are taken, see `_step_lines`.
+        shape: number of nodes (nx, ny) of the top over one period.
+        is_j2: whether there is a table of plastic strains.
+    """
+    nx, ny = shape
+    # A row of nodes is: number, x, y, z; a row of elements: number, point, strain.
+    forces = -next(tables)[:, 3].reshape(nx, ny)
+    lowered = -next(tables)[:, 3].reshape(nx + 1, ny + 1)[:-1, :-1]
+    approach = -float(next(tables)[0, 3])
+    elements_flowed = np.zeros((nx, ny), dtype=bool)
+    if is_j2:
+        strains = next(tables)[:, 2].reshape(nx * ny, -1)
+        elements_flowed = (strains.max(axis=1) > 0).reshape(nx, ny)
+    return _StepTables(forces, lowered, approach, nodes_of(elements_flowed))
+
+
+def _result_of_step(
+    problem: Problem, scene: Scene, load: float, tables: _StepTables
+) -> tuple[LoadStep, dict[str, Any]]:
+    """Return the load step of a mean pressure (Pa), and its fields of shape (nx, ny).
+
+    The fields are pressure (Pa), gap (m), displacement (m, downward) and state.
+    """
+    # An open spring pulls with a small force; a closed one presses with a far larger.
+    in_contact = tables.forces > 100 * _pull(problem, scene)
+    contact_states = np.where(tables.flowed, results.PLASTIC, results.ELASTIC)
+    state = np.where(in_contact, contact_states, results.APART).astype(np.int8)
+    pressure = np.where(in_contact, tables.forces, 0.0) / problem.block.node_area
+    open_gap = _clearances(problem) + tables.lowered - tables.approach
+    gap = np.where(in_contact, 0.0, open_gap)
+    raw, corrected, error = areas(state, scene.material.poisson_ratio, capped=False)
+    load_error = abs(float(pressure.mean()) - load) / max(scene.load.path)
+    step = LoadStep(
+        load,
+        {"raw": raw, "corrected": corrected, "error": error},
+        {"force": load_error},
+        quantities={
+            "mean_gap": float(np.maximum(gap, 0).mean()),
+            "approach": tables.approach,
+            "largest_pressure": float(pressure.max()),
+            "mean_contact_pressure": float(pressure[pressure > 0].mean()),
+        },
+    )
+    fields = {
+        "pressure": pressure,
+        "gap": gap,
+        "displacement": tables.lowered,
+        "state": state,
+    }
+    return step, fields
 
 
 def solve(
@@ -196,102 +441,141 @@ def solve(
     element: str = ELEMENT,
     penalty: float = PENALTY,
 ) -> ContactResult:
-    """Answer a scene on the block of `fem_check`.  Raises InvalidScene,
-    NotConverged.
+    """Solve a scene by CalculiX on the block of `fem_check`.
+
+    Args:
+        scene: the scene; all mean pressures must be positive.
+        options: those of `FemOptions`, with the law "elastic" or "j2" and the geometry
+            "gap"; None: the defaults.
+        element: CalculiX's name of the element, such as "C3D8I".
+        penalty: stiffness of a spring over Young's modulus times the grid spacing.
+
+    Returns:
+        The result, with a load step for each mean pressure and the fields of the last
+        one.  Its areas are those of `fem_check.result`.
+
+    Raises:
+        InvalidScene: if the options are not valid, or CalculiX is not used for them or
+            for such a load.
+        NotConverged: if CalculiX fails.
     """
     given = FemOptions(**(options or {}))
-    problem, started = problem_of(scene, given, 1), time.perf_counter()
-    (nx, ny), block = problem.block.shape, problem.block
+    problem = problem_of(scene, given, 1)
+    started = time.perf_counter()
+    block = problem.block
+    nx, ny = block.shape
+    text = deck(problem, scene, given, element, penalty)
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
-        printed, iterations = _ran(
-            deck(problem, scene, given, element, penalty), Path(folder)
-        )
-    steps, tables = list[LoadStep](), iter(printed)
+        printed, iterations = _run_ccx(text, Path(folder))
+    tables = iter(printed)
+    steps = []
     for load in scene.load.path:
-        forces = -next(tables)[:, 3].reshape(nx, ny)
-        down = -next(tables)[:, 3].reshape(nx + 1, ny + 1)[:-1, :-1]
-        approach = -float(next(tables)[0, 3])
-        flowed = np.zeros((nx, ny), dtype=bool)
-        if given.law == "j2":
-            flowed = (next(tables)[:, 2].reshape(nx * ny, -1).max(axis=1) > 0).reshape(
-                nx, ny
-            )
-        # An open spring pulls a little; a closed one presses with far more.
-        touching = forces > 100 * _pull(problem, scene)
-        reached = np.where(nodes_of(flowed), results.PLASTIC, results.ELASTIC)
-        state = np.where(touching, reached, results.APART).astype(np.int8)
-        pressure = np.where(state == results.APART, 0.0, forces) / block.node_area
-        clearance = problem.heights.max() - problem.heights + down - approach
-        gap = np.where(state == results.APART, clearance, 0.0)
-        kinds = areas(state, scene.material.poisson_ratio, capped=False)
-        measured = {
-            "mean_gap": float(np.maximum(gap, 0).mean()),
-            "approach": approach,
-            "largest_pressure": float(pressure.max()),
-            "mean_contact_pressure": float(pressure[pressure > 0].mean()),
-        }
-        missing = abs(float(pressure.mean()) - load) / max(scene.load.path)
-        named = dict(zip(("raw", "corrected", "error"), kinds, strict=True))
-        steps.append(LoadStep(load, named, {"force": missing}, quantities=measured))
-    layers = {"layers": len(block.layers), "first_layer": float(block.layers[0])}
-    told = asdict(given) | {"depth": block.depth, "element": element, **layers}
-    fields = {"pressure": pressure, "gap": gap, "displacement": down, "state": state}
-    fields = {
-        name: values.reshape(scene.surface.shape) for name, values in fields.items()
+        step_tables = _read_step(tables, (nx, ny), given.law == "j2")
+        step, fields = _result_of_step(problem, scene, load, step_tables)
+        steps.append(step)
+    described = {
+        **asdict(given),
+        "depth": block.depth,
+        "element": element,
+        "layers": len(block.layers),
+        "first_layer": float(block.layers[0]),
+        "solver": PROGRAM,
     }
-    cost = {"seconds": time.perf_counter() - started, "iterations": iterations}
+    # The fields of the last load; a line has them without the second axis.
+    shape = scene.surface.shape
+    of_scene = {name: values.reshape(shape) for name, values in fields.items()}
     return ContactResult(
         method="calculix",
         steps=tuple(steps),
-        provenance=Provenance(
-            scene.digest, scene.surface.seed, told | {"solver": PROGRAM}
-        ),
-        distribution=distribution(pressure, state, np.inf),
-        fields={"heights": scene.surface.heights} | fields,
-        cost=cost | {"unknowns": 3 * nx * ny * len(block.layers)},
+        provenance=Provenance(scene.digest, scene.surface.seed, described),
+        distribution=distribution(fields["pressure"], fields["state"], np.inf),
+        fields={"heights": scene.surface.heights, **of_scene},
+        cost={
+            "seconds": time.perf_counter() - started,
+            "iterations": iterations,
+            "unknowns": 3 * nx * ny * len(block.layers),
+        },
         notes=scene.surface.notes,
     )
 
 
+# --- files for other codes
+
+
 def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
-    """Write the block of a scene for another code; what was written, in a sentence."""
+    """Write the finite-element block of a scene to a file for another code.
+
+    Args:
+        scene: the scene.
+        file: its ending selects the format: .inp is an input file of CalculiX, and the
+            endings of `_FORMATS` are meshes with "top", "base" and "gap" on their
+            nodes.
+        options: those of `FemOptions`.
+
+    Returns:
+        A sentence for the user on what the file contains.
+
+    Raises:
+        InvalidScene: if the ending is another one, the options do not fit the scene or,
+            for .inp, CalculiX, or meshio needs a package that is not installed.
+        OutputError: if the file cannot be written.
+    """
     given = FemOptions(**options)
     problem = problem_of(scene, given, 1)
-    mesh, material = mesh_of(problem, reference=True), scene.material
+    mesh = mesh_of(problem, reference=True)
     if file.suffix not in (".inp", *_FORMATS):
         raise InvalidScene(
             f"{file} ends in {file.suffix!r}, but must end in .inp (an input file of "
-            "CalculiX) or "
-            f"{', '.join(_FORMATS)}"
+            f"CalculiX) or {', '.join(_FORMATS)}"
         )
-    about = [
+    description = _describe(scene, given)
+    with atomic_write(file) as temporary:
+        if file.suffix == ".inp":
+            comments = "".join(f"** {line}\n" for line in description)
+            text = comments + deck(problem, scene, given)
+            Path(temporary).write_text(text, encoding="utf-8")
+        else:
+            _write_mesh(mesh, temporary, file)
+    size = f"{len(mesh.points)} nodes and {problem.bricks.number} bricks"
+    return f"{file}: {size}; {'; '.join(description)}"
+
+
+def _describe(scene: Scene, options: FemOptions) -> list[str]:
+    """Return phrases on the body, the material and the loads of a scene."""
+    material = scene.material
+    loads = ", ".join(f"{pressure:g}" for pressure in scene.load.path)
+    return [
         f"the block of the scene {scene.digest} in SI units, {scene.body.kind}",
         f"E {material.young_modulus:g} Pa, nu {material.poisson_ratio:g}, yield stress "
         f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law "
-        f"{given.law}",
-        f"mean pressures {', '.join(f'{p:g}' for p in scene.load.path)} Pa",
+        f"{options.law}",
+        f"mean pressures {loads} Pa",
     ]
-    with atomic_write(file) as temporary:
-        if file.suffix == ".inp":
-            told = "".join(f"** {line}\n" for line in about)
-            Path(temporary).write_text(
-                told + deck(problem, scene, given), encoding="utf-8"
-            )
-        else:
-            # meshio writes no sets of nodes here, and VTK reads none of its small
-            # integers.
-            for name, nodes in mesh.point_sets.items():
-                mesh.point_data[name] = np.zeros(len(mesh.points))
-                mesh.point_data[name][nodes] = 1
-            mesh.point_sets = {}
-            try:
-                inline = (
-                    {"data_format": "XML"} if file.suffix == ".xdmf" else {}
-                )  # one file
-                mesh.write(temporary, file_format=_FORMATS[file.suffix], **inline)
-            except ImportError as error:
-                raise InvalidScene(
-                    f"meshio cannot write {file}: {sentence_of(error)}"
-                ) from None
-    size = f"{len(mesh.points)} nodes and {problem.bricks.number} bricks"
-    return f"{file}: {size}; {'; '.join(about)}"
+
+
+def _write_mesh(mesh: Any, path: Any, file: Path) -> None:
+    """Write a `meshio.Mesh`, and change its node sets to data on the nodes.
+
+    Args:
+        mesh: the mesh; its sets become data of 1 in the set and 0 elsewhere, because
+            meshio does not write sets in these formats.  The data are floats, because
+            VTK does not read meshio's small integers.
+        path: where to write.
+        file: the file that the user named; its ending selects the format.
+
+    Raises:
+        InvalidScene: if meshio needs a package that is not installed.
+    """
+    for name, nodes in mesh.point_sets.items():
+        mesh.point_data[name] = np.zeros(len(mesh.points))
+        mesh.point_data[name][nodes] = 1
+    mesh.point_sets = {}
+    extra = {}
+    if file.suffix == ".xdmf":
+        extra["data_format"] = "XML"  # inside of the file, not in a second one
+    try:
+        mesh.write(path, file_format=_FORMATS[file.suffix], **extra)
+    except ImportError as error:
+        raise InvalidScene(
+            f"meshio cannot write {file}: {sentence_of(error)}"
+        ) from None
