@@ -27,29 +27,36 @@ from epcontact.reference.roughness import rms_slope
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 
-#: Relative width at which the search for a ratio stops: the area moves by less than a
-#: node.
-_SEARCHED_TO = 1e-4
-#: Largest contact area at which an effective hardness says something of the material.
-#: Beyond it nearly every node touches, and the cap of equal area is hardly more than
-#: the mean pressure.
+#: Relative width of the interval at which the search for a ratio stops.  Over such an
+#: interval the area changes by less than a node.
+_SEARCH_WIDTH = 1e-4
+#: Ratio hardness/sigma_Y at which the search for an upper bound starts.
+_LARGEST_RATIO = 8.0
+#: Largest contact area, as a fraction of the nominal area, at which an effective
+#: hardness describes the material.  In a fuller contact nearly every node touches, and
+#: the cap of equal area is hardly more than the mean pressure.
 _SATURATED = 0.9
-#: Parts of an error that are a change between two solves of first order, and count this
-#: much.  Two solves cannot show their order: three times the change is the grid
+#: Factors of those parts of an error that are a change between two solves.  Two solves
+#: cannot show their order of convergence: three times the change is the grid
 #: convergence index of two grids (Roache 1994, Journal of Fluids Engineering 116, 405).
 _TWO_SOLVES = {"grid": 3.0, "steps": 3.0}
 
 
 @dataclass(frozen=True)
 class EffectiveHardness:
-    """The cap at which the capped body has the contact area of the J2 body.
+    """The hardness at which the capped body has the contact area of the J2 body.
 
-    `ratio` is c_eff = hardness/sigma_Y, infinite if even the elastic body has at least
-    that area; `severity` E* xi/sigma_Y; `area` the raw contact area of the J2 body;
-    `at_cap` the difference of the two bodies under that cap.  `parts` are those of the
-    ratio's error: the effect of half a "node" in the area and, each from a second solve
-    that differs in one thing, the change from a "grid" twice as coarse, from a "depth"
-    of three quarters, and from half as many load "steps".
+    Attributes:
+        ratio: c_eff = hardness/sigma_Y; infinite if even the elastic body has at least
+            the contact area of the J2 body.
+        severity: E* xi/sigma_Y, with the rms slope xi.
+        area: raw contact area of the J2 body, as a fraction of the nominal area.
+        at_cap: difference of the J2 body from the body under that cap; None if the
+            ratio is infinite.
+        parts: parts of the ratio's error by name.  "node" is the effect of half a node
+            in the area.  The others are changes from a second solve that differs in one
+            thing: "grid" is twice as coarse, "depth" is three quarters of the block's
+            depth, "steps" is half as many load increments.
     """
 
     ratio: float
@@ -60,63 +67,79 @@ class EffectiveHardness:
 
     @property
     def meaningless(self) -> str:
-        """The sentence that says why the contact is too full for a ratio; empty if it
-        is not.
+        """The sentence that says why the contact is too full for a ratio.
+
+        It is empty if the area is small enough.
         """
         if self.area <= _SATURATED:
             return ""
         return (
             f"c_eff means nothing where the J2 body touches on {self.area:.3f} of "
-            "the nodes: in so "
-            "full a contact the cap of equal area follows the load and not the material"
+            "the nodes: in so full a contact the cap of equal area follows the load "
+            "and not the material"
         )
 
     @property
     def error(self) -> float:
-        """The error of the ratio, meant to cover in 95 of 100 scenes; see
-        `combined`.
-        """
+        """Half-width of the 95 % interval of the ratio, see `combined`."""
         return combined(self.parts)
 
     def __str__(self) -> str:
+        """Return the ratio with its error and the parts, or why it has no meaning."""
+        if self.meaningless:
+            return self.meaningless
         parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
-        at_cap = self.at_cap
-        return self.meaningless or (
+        text = (
             f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = "
-            f"{self.severity:.3g} "
-            f"(by {parts})"
-            + (f" ({at_cap}, overlap {at_cap.overlap:.2f})" if at_cap else "")
+            f"{self.severity:.3g} (by {parts})"
         )
+        if self.at_cap:
+            text += f" ({self.at_cap}, overlap {self.at_cap.overlap:.2f})"
+        return text
 
 
 def combined(parts: Mapping[str, float]) -> float:
-    """Return the root of the sum of the squares of an error's parts, each times its
-    factor.  Such bars of 57 of 60 small scenes hold the ratio of a fine grid
-    (tests/test_crosscheck.py).
+    """Return the half-width of the 95 % interval of c_eff from the parts of its error.
+
+    It is the root of the sum of squares of the parts, after "grid" and "steps" are
+    multiplied by 3.  For 57 of 60 small scenes the interval contains the ratio of a
+    fine grid (tests/test_crosscheck.py).
+
+    Args:
+        parts: errors of c_eff by name, as `EffectiveHardness.parts`; signs do not
+            matter.
     """
-    return math.hypot(
-        *(_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items())
-    )
+    scaled = [_TWO_SOLVES.get(name, 1.0) * part for name, part in parts.items()]
+    return math.hypot(*scaled)
 
 
 def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | None:
-    """Return the compliance (m/Pa, as `bem.solve` takes it) of the block of elements
-    that answered. None if the body is the half-space itself, as that of volume
-    integrals.  Raises InvalidCase if the result does not describe its block.
+    """Return the surface compliance of the block on which a result was solved.
+
+    Args:
+        scene: the scene of the result.
+        result: the result of a method that solves the solid; its provenance has the
+            depth and layers of the block.
+
+    Returns:
+        The compliance in m/Pa at each wave vector, of the shape that `bem.solve` takes.
+        None if the body is the half-space itself, as for volume integrals.
+
+    Raises:
+        InvalidCase: if the provenance lacks the depth or the layers.
     """
     options = result.provenance.options
     if options.get("compliance") == "half_space":
         return None
-    # A layer's depth is the scene's own.
-    names = ("layers", "first_layer") + (
-        ("depth",) if scene.body.kind == "half_space" else ()
-    )
-    if missing := [name for name in names if name not in options]:
-        raise InvalidCase(
-            f"the result of {result.method} does not say its block's {missing[0]}, "
-            "so the "
-            "difference that the law alone makes cannot be measured"
-        )
+    names = ["layers", "first_layer"]
+    if scene.body.kind == "half_space":  # else the scene has the depth of its layer
+        names.append("depth")
+    for name in names:
+        if name not in options:
+            raise InvalidCase(
+                f"the result of {result.method} does not say its block's {name}, so "
+                "the difference that the law alone makes cannot be measured"
+            )
     block = {name: options[name] for name in names}
     return np.asarray(fem_check.surface_compliance(scene, **block))
 
@@ -124,8 +147,16 @@ def elements_compliance(scene: Scene, result: ContactResult) -> FloatArray | Non
 def capped_body(
     scene: Scene, hardness: float, compliance: FloatArray | None
 ) -> ContactResult:
-    """Solve by boundary elements under a cap (Pa) on a compliance (None: the exact
-    one).
+    """Return the result of boundary elements for a scene with another hardness.
+
+    Args:
+        scene: the scene, whose own hardness is not used.
+        hardness: the cap on the pressure in Pa; infinite for an elastic body.
+        compliance: from `elements_compliance`, in m/Pa; None: that of the scene's body.
+
+    Raises:
+        InvalidScene: if the hardness cannot carry the load.
+        NotConverged: if the solve does not converge.
     """
     material = replace(scene.material, hardness=hardness)
     return bem.solve(
@@ -134,51 +165,73 @@ def capped_body(
 
 
 def hardness_of_equal_area(scene: Scene, j2: ContactResult) -> EffectiveHardness:
-    """Find the cap of equal area by bisection; its error is the effect of half a
-    node.
+    """Return the hardness at which the capped body has the contact area of a J2 body.
+
+    The hardness is found by bisection, with boundary elements on the compliance of the
+    J2 body's block.  The error has one part, "node": the effect of half a node in the
+    area.
+
+    Args:
+        scene: the scene, with a yield stress and a single load.
+        j2: its result with J2 flow.
+
+    Raises:
+        InvalidCase: as `elements_compliance`.
+        NotConverged: if boundary elements do not converge.
     """
-    wanted, material = j2.final.areas["raw"].total, scene.material
+    material = scene.material
+    wanted = j2.final.areas["raw"].total
     compliance = elements_compliance(scene, j2)
     severity = effective_modulus(material) * rms_slope(scene) / material.yield_stress
 
     @cache
     def area_at(ratio: float) -> float:
-        """Return the raw area under a cap of this ratio times the yield stress."""
-        answer = capped_body(scene, ratio * material.yield_stress, compliance)
-        return answer.final.areas["raw"].total
+        """Return the raw area (fraction) at a ratio hardness/sigma_Y; decreasing."""
+        capped = capped_body(scene, ratio * material.yield_stress, compliance)
+        return capped.final.areas["raw"].total
 
     if area_at(math.inf) >= wanted:
         return EffectiveHardness(math.inf, severity, wanted)
     # Under the smallest cap that can carry the load every node touches.
-    ratios = [scene.load.final / material.yield_stress * 1.001, 8.0]
+    smallest = scene.load.final / material.yield_stress * 1.001
+    ratios = [smallest, _LARGEST_RATIO]
     while area_at(ratios[-1]) >= wanted:
         ratios.append(2 * ratios[-1])
 
-    def passed(target: float) -> float:
-        """The ratio at which the area, which falls with the ratio, passes a target."""
-        last = next(
-            k for k, ratio in enumerate(ratios) if k and area_at(ratio) <= target
-        )
-        a, b = ratios[last - 1], ratios[last]
-        while b - a > _SEARCHED_TO * b:
-            middle = math.sqrt(a * b)
-            a, b = (middle, b) if area_at(middle) > target else (a, middle)
-        return math.sqrt(a * b)
+    def ratio_at(area: float) -> float:
+        """Return the ratio at which the area decreases through a value (fraction)."""
+        index = 1
+        while area_at(ratios[index]) > area:
+            index += 1
+        low = ratios[index - 1]
+        high = ratios[index]
+        while high - low > _SEARCH_WIDTH * high:
+            middle = math.sqrt(low * high)
+            if area_at(middle) > area:
+                low = middle
+            else:
+                high = middle
+        return math.sqrt(low * high)
 
-    # The area jumps by whole nodes: both ends of the interval with the wanted area are
-    # searched.
+    # The area changes by complete nodes: an interval of ratios has the wanted area, and
+    # both of its bounds are searched.
     half_a_node = 0.5 / scene.surface.heights.size
-    low, high = (passed(wanted + half) for half in (half_a_node, -half_a_node))
-    cap = (low + high) / 2 * material.yield_stress
+    lowest = ratio_at(wanted + half_a_node)
+    highest = ratio_at(wanted - half_a_node)
+    ratio = (lowest + highest) / 2
+    cap = ratio * material.yield_stress
     at_cap = difference(j2, capped_body(scene, cap, compliance), cap)
-    parts = {"node": abs(high - low) / 2}
-    return EffectiveHardness((low + high) / 2, severity, wanted, at_cap, parts)
+    parts = {"node": abs(highest - lowest) / 2}
+    return EffectiveHardness(ratio, severity, wanted, at_cap, parts)
 
 
-# --- the quantities: each solve is made once for all that need it
-# --------------------------------
+# --- the quantities of gates; `solved.once` shares a solve between them
 
-_J2, _J2_AND_CAP = ("fields", "J2 flow"), ("fields", "J2 flow", "hardness")
+#: What the quantities need, see `quantity`: fields on the grid, a result with J2 flow
+#: and, for a cap, a finite hardness of the scene.
+_J2 = ("fields", "J2 flow")
+_J2_AND_CAP = (*_J2, "hardness")
+#: Meanings of the quantities quantity.model_* and quantity.effective_*, by last word.
 _MODEL = {
     "area": (
         "A_J2/A_cap - 1 of the raw areas, with the cap at the hardness of the scene"
@@ -204,50 +257,67 @@ _EFFECTIVE = {
 
 @quantity("–", _J2_AND_CAP, "model_{}", each=_MODEL)
 def model(solved: SolvedScene, part: str) -> float:
-    """{}."""
-    found = difference(
-        solved.result, solved.once(_capped), solved.scene.material.hardness
-    )
-    return {
-        "area": found.area,
-        "overlap": found.overlap,
-        "distance": found.wasserstein,
-    }[part]
+    """{}.
+
+    The first line is a template for the meaning of quantity.model_<part>, dimensionless
+    and measured on a solved scene with J2 flow.  `part` is area, overlap or distance.
+    Raises InvalidCase if the result is not one with J2 flow.
+    """
+    hardness = solved.scene.material.hardness
+    from_cap = difference(solved.result, solved.once(_solve_capped), hardness)
+    values = {
+        "area": from_cap.area,
+        "overlap": from_cap.overlap,
+        "distance": from_cap.wasserstein,
+    }
+    return values[part]
 
 
 @quantity("–", _J2, "effective_{}", each=_EFFECTIVE)
 def effective(solved: SolvedScene, part: str) -> float:
-    """{}."""
-    ratio, at_cap = solved.once(_effective)
-    return ratio if part == "hardness" else at_cap.overlap
+    """{}.
+
+    The first line is a template for the meaning of quantity.effective_<part>,
+    dimensionless and measured on a solved scene with J2 flow.  `part` is hardness or
+    overlap.  Raises InvalidCase if no cap has the area of the J2 body.
+    """
+    ratio, at_cap = solved.once(_measure_effective)
+    if part == "hardness":
+        return ratio
+    return at_cap.overlap
 
 
 @quantity("–")
 def elements_pressure(solved: SolvedScene) -> float:
     """L2 difference of the pressures, elastic or capped, from those of boundary
     elements on the compliance of the elements, over their L2 norm.
+
+    Raises InvalidCase if the law of the elements is j2.
     """
-    if (law := solved.result.provenance.options.get("law")) == "j2":
+    law = solved.result.provenance.options.get("law")
+    if law == "j2":
         raise InvalidCase(
             "the law of the elements is j2, but their own body has a linear law"
         )
-    hardness = solved.scene.material.hardness if law == "capped" else math.inf
-    own = capped_body(
-        solved.scene, hardness, elements_compliance(solved.scene, solved.result)
-    )
-    return l2_distance(solved.result.fields["pressure"], own.fields["pressure"])
+    hardness = math.inf
+    if law == "capped":
+        hardness = solved.scene.material.hardness
+    compliance = elements_compliance(solved.scene, solved.result)
+    by_boundary = capped_body(solved.scene, hardness, compliance)
+    return l2_distance(solved.result.fields["pressure"], by_boundary.fields["pressure"])
 
 
 @quantity("–", _J2)
 def elements_area(solved: SolvedScene) -> float:
     """A_cap/A - 1, with A_cap on the compliance of the elements and A on the exact one.
 
-    It is the effect of the finite-element grid, an error that falls with the spacing.
+    Both are raw contact areas by boundary elements at the hardness of the scene.  The
+    quantity is the error of the finite-element grid, which decreases with the spacing.
+    Raises InvalidCase if the result is not one with J2 flow.
     """
     hardness = solved.scene.material.hardness
-    return difference(
-        solved.once(_capped), capped_body(solved.scene, hardness, None), hardness
-    ).area
+    exact = capped_body(solved.scene, hardness, None)
+    return difference(solved.once(_solve_capped), exact, hardness).area
 
 
 def _require_j2(solved: SolvedScene) -> None:
@@ -259,25 +329,31 @@ def _require_j2(solved: SolvedScene) -> None:
         )
 
 
-def _capped(solved: SolvedScene) -> ContactResult:
-    """Solve the body under a cap at the hardness of the scene."""
+def _solve_capped(solved: SolvedScene) -> ContactResult:
+    """Return the result of boundary elements at the hardness of the scene.
+
+    They use the compliance of the block on which the scene was solved.  Raises
+    InvalidCase if the result is not one with J2 flow.
+    """
     _require_j2(solved)
     compliance = elements_compliance(solved.scene, solved.result)
     return capped_body(solved.scene, solved.scene.material.hardness, compliance)
 
 
-def _effective(solved: SolvedScene) -> tuple[float, Difference]:
-    """Return c_eff, and the difference from the body under that cap; raise if there is
-    none.
+def _measure_effective(solved: SolvedScene) -> tuple[float, Difference]:
+    """Return c_eff of a result with J2 flow, and the difference from the capped body.
+
+    c_eff is hardness/sigma_Y of the capped body that has the same contact area.  Raises
+    InvalidCase if the result has no J2 flow, if the contact is too full, or if no cap
+    has its area.
     """
     _require_j2(solved)
-    found = hardness_of_equal_area(solved.scene, solved.result)
-    if found.meaningless:
-        raise InvalidCase(f"{found.meaningless}; gate it under a smaller load")
-    if found.at_cap is None:
+    measured = hardness_of_equal_area(solved.scene, solved.result)
+    if measured.meaningless:
+        raise InvalidCase(f"{measured.meaningless}; gate it under a smaller load")
+    if measured.at_cap is None:
         raise InvalidCase(
             "the J2 body touches on no more than the elastic one, so no cap gives "
-            "its area; "
-            "a gate on the effective hardness needs a larger E*ξ/σ_Y"
+            "its area; a gate on the effective hardness needs a larger E*ξ/σ_Y"
         )
-    return found.ratio, found.at_cap
+    return measured.ratio, measured.at_cap

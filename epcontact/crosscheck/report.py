@@ -1,5 +1,4 @@
-"""The reasons why finite and boundary elements differ on a scene, each measured
-separately.
+"""Reasons why finite and boundary elements differ on a scene, measured separately.
 
 A comparison of the two is a chain of solves in which one thing changes at a time:
 
@@ -45,8 +44,10 @@ from epcontact.results import ContactResult
 from epcontact.scene import Body, Load, Scene, Surface
 from epcontact.surfaces import SelfAffine
 
-#: Rows of the ensemble: c_eff, and the parts of its error.
-_C_EFF, _CHANGE = "effective hardness c_eff", "its change by the "
+#: Names of values in the report on several surfaces: c_eff = hardness/sigma_Y and, with
+#: the name of a part of its error behind it, each change of c_eff.
+_C_EFF = "effective hardness c_eff"
+_CHANGE = "its change by the "
 
 
 def error_budget(
@@ -54,17 +55,28 @@ def error_budget(
 ) -> dict[str, Difference]:
     """Split the difference between finite and boundary elements under a single load.
 
+    The head of this module describes the chain of solves.
+
     Args:
-        scene: the scene.
-        law: of the linear part of the chain: "capped", or "elastic" without a hardness.
-        j2: the result of `fem_check.solve` by the law j2, whose difference from the
-            next one is the part "model"; None: there is no such part.
-        block: the depth and the layers of `fem_check.solve`.
+        scene: the scene, under a single mean pressure.
+        law: "elastic": the bodies of the chain are elastic; else they are capped at the
+            scene's hardness, which may be infinite.
+        j2: the scene's result by `fem_check.solve` with the law j2.  Its difference
+            from boundary elements on the same compliance is the part "model"; None:
+            there is no such part.
+        block: the options depth (m) and layers of `fem_check.solve`.
 
     Returns:
-        The parts of the difference by name, in the order of the chain.
+        The parts of the difference: "model" (if `j2` is given), "solver",
+        "discretisation" and "depth".
+
+    Raises:
+        InvalidScene: if the options do not fit the scene.
+        NotConverged: if a solve does not converge.
     """
-    hardness = math.inf if law == "elastic" else scene.material.hardness
+    hardness = scene.material.hardness
+    if law == "elastic":
+        hardness = math.inf
     capped = replace(scene, material=replace(scene.material, hardness=hardness))
     linear_law: Literal["capped", "elastic"] = "elastic"
     if math.isfinite(hardness):
@@ -77,7 +89,9 @@ def error_budget(
         depth = float(elements.provenance.options["depth"])
         body = Body("bonded_layer", depth)
     on_layer = bem.solve(replace(capped, body=body))
-    on_body = on_layer if body == scene.body else bem.solve(capped)
+    on_body = on_layer
+    if body != scene.body:
+        on_body = bem.solve(capped)
     parts = {} if j2 is None else {"model": difference(j2, on_compliance, hardness)}
     parts["solver"] = difference(elements, on_compliance, hardness)
     parts["discretisation"] = difference(on_compliance, on_layer, hardness)
@@ -88,18 +102,21 @@ def error_budget(
 def measured_hardness(
     scene: Scene, *, j2: ContactResult | None = None, **options: Any
 ) -> EffectiveHardness:
-    """Return the effective hardness of the J2 body of a scene, with the parts of its
-    error.
+    """Measure the effective hardness of the J2 body of a scene, with its error.
 
-    `epcontact.effective_hardness` looks it up in a map of such measurements.  The scene
-    is also solved on every other grid point, on a shallower block (of a half-space) and
-    in half as many increments; if the grid has no half, the error is that of half a
-    node alone.
+    `epcontact.effective_hardness` interpolates a map of such measurements.  For the
+    error the scene is also solved on every other grid point, on a shallower block (if
+    the body is a half-space) and in half as many increments.  If every other grid point
+    makes no grid, the error is that of half a node alone.
 
     Args:
-        scene: the scene, under a single load.
-        j2: its result by `fem_check.solve` and the law j2; None: it is solved here.
-        options: depth, layers and steps of `fem_check.solve`.
+        scene: the scene, with a yield stress and a single mean pressure.
+        j2: its result by `fem_check.solve` with the law j2; None: it is solved here.
+        options: depth (m), layers and steps of `fem_check.solve`.
+
+    Raises:
+        InvalidScene: if the options do not fit the scene.
+        NotConverged: if a solve does not converge.
     """
     j2 = j2 or _solve_j2(scene, **options)
     fine = hardness_of_equal_area(scene, j2)
@@ -119,16 +136,23 @@ def measured_hardness(
 
 
 def _solve_j2(scene: Scene, **options: Any) -> ContactResult:
+    """Return the result of finite elements with J2 flow, without the certificate.
+
+    `options` are others of `fem_check.solve`.  Raises InvalidScene and NotConverged.
+    """
     return fem_check.solve(scene, law="j2", certified=False, **options)
 
 
 def _on_half_grid(scene: Scene) -> Scene | None:
-    """Return the scene on every other grid point; None if its grid has no half."""
-    heights, periods = scene.surface.heights, scene.surface.periods
+    """Return the scene on every other grid point, under its last load.
+
+    None if the number of points along a direction is odd or below 8.
+    """
+    heights = scene.surface.heights
     if any(n % 2 or n < 8 for n in heights.shape):
         return None
     heights = heights[(slice(None, None, 2),) * heights.ndim]
-    surface = Surface(heights, periods)
+    surface = Surface(heights, scene.surface.periods)
     return replace(scene, surface=surface, load=Load(scene.load.final))
 
 
@@ -138,22 +162,26 @@ def _on_half_grid(scene: Scene) -> Scene | None:
 def crosscheck(
     case: Case, seeds: Sequence[int] = (), *, steps: int | None = None
 ) -> str:
-    """Report why the finite and the boundary elements of a case differ, surface by
-    surface.
+    """Report why finite and boundary elements of a case differ, for each surface.
 
-    The report holds the error budget of the case's finite-element law; for j2 also both
-    contact areas, their overlap, the distance of the pressure distributions, and the
-    effective hardness; for several surfaces their means with standard errors.
+    The report has the error budget of the case's finite-element law.  For j2 it also
+    has both contact areas, their overlap, the distance of the pressure distributions
+    and the effective hardness.  For several surfaces it has means with standard errors.
 
     Args:
-        case: a case with the methods fem and bem, under a single load.
-        seeds: of random surfaces, instead of the case's own; (): the case's.
-        steps: the increments of the J2 body; None: the case's.
+        case: a case with the methods fem and bem, under a single mean pressure.
+        seeds: seeds of random surfaces that replace those of the case; (): the case's.
+        steps: number of load increments of the J2 body; None: the case's.
+
+    Returns:
+        The report, lines of text without a final line break.
 
     Raises:
         InvalidCase: if the case cannot be cross-checked.
+        NotConverged: if a solve does not converge.
     """
-    _require_comparable(case, seeds, steps)
+    for obstacle in _obstacles(case, seeds, steps):
+        raise InvalidCase(f"{case.path}: {obstacle}")
     steps = steps or case.options["fem"]["steps"]
     recipes: Sequence[Any] = case.recipes
     if seeds:
@@ -161,8 +189,10 @@ def crosscheck(
     lines, rows = [], []
     for recipe in recipes:
         seed = getattr(recipe, "seed", None)
-        surface = "" if seed is None else f", seed {seed}"
-        lines.append(f"{case.id}, {case.size}{surface}")
+        title = f"{case.id}, {case.size}"
+        if seed is not None:
+            title += f", seed {seed}"
+        lines.append(title)
         of_surface, row = _check_surface(case, case.scene(recipe), steps)
         lines += [f"  {line}" for line in of_surface]
         rows.append(row)
@@ -175,16 +205,11 @@ def crosscheck(
     return "\n".join(lines)
 
 
-def _require_comparable(case: Case, seeds: Sequence[int], steps: int | None) -> None:
-    """Raise InvalidCase if a case cannot be cross-checked on these seeds and
-    increments.
-    """
-    for obstacle in _obstacles(case, seeds, steps):
-        raise InvalidCase(f"{case.path}: {obstacle}")
-
-
 def _obstacles(case: Case, seeds: Sequence[int], steps: int | None) -> Iterator[str]:
-    """Yield why a case cannot be cross-checked."""
+    """Yield the reasons, as sentences, why a case cannot be cross-checked.
+
+    `seeds` and `steps` are those of `crosscheck`, which raises the first reason.
+    """
     if case.skip:
         yield case.skip
     missing = [method for method in ("fem", "bem") if method not in case.methods]
@@ -193,7 +218,8 @@ def _obstacles(case: Case, seeds: Sequence[int], steps: int | None) -> Iterator[
             f"case.methods lacks {' and '.join(missing)}; a cross-check needs both fem "
             "and bem"
         )
-    fem, loads = case.options.get("fem", {}), len(case.load.path)
+    fem = case.options.get("fem", {})
+    loads = len(case.load.path)
     if loads != 1:
         yield (
             f"load.mean_pressure is a path of {loads}, but a cross-check answers a "
@@ -215,7 +241,20 @@ def _obstacles(case: Case, seeds: Sequence[int], steps: int | None) -> Iterator[
 def _check_surface(
     case: Case, scene: Scene, steps: int
 ) -> tuple[list[str], dict[str, float]]:
-    """Return the lines of the report on a surface, and its row of the ensemble."""
+    """Solve and compare one surface of a case.
+
+    Args:
+        case: the case, with options of finite elements.
+        scene: the case's scene on that surface.
+        steps: number of load increments of a J2 body.
+
+    Returns:
+        The lines of the report on the surface, and its dimensionless values by name,
+        for the means over surfaces.
+
+    Raises:
+        NotConverged: if a solve does not converge.
+    """
     options = case.options["fem"]
     law = options["law"]
     block: dict[str, Any] = {key: options.get(key) for key in ("depth", "layers")}
@@ -241,8 +280,10 @@ def _check_surface(
         f"distributions {model.wasserstein:.3f} of the {unit}"
     )
     measured = measured_hardness(scene, j2=j2, **block, steps=steps)
-    note = "" if _on_half_grid(scene) else "; no coarser grid in the error"
-    lines.append(f"{measured}{note}")
+    line = str(measured)
+    if _on_half_grid(scene) is None:
+        line += "; no coarser grid in the error"
+    lines.append(line)
     largest = j2.final.quantities["largest_pressure"]
     row["model, area"] = model.area
     row["model, overlap"] = model.overlap
@@ -265,18 +306,26 @@ _HEAD = (
     "unknowns iter."
 )
 _ROW = "{:30} {:6.4f} {:9.4f} {:6.3f} {:6.4f} {:6.4f} {:5.3g} {:8.0f} {:5.0f}"
-#: A surface of this fraction of its slope, of a stiffer body, has a similar result,
-#: with this fraction of the large displacements.
+#: Factor on the heights of a surface, with a body that is stiffer by its inverse.  The
+#: result of small displacements is the same; effects of large displacements decrease by
+#: this factor.
 _GENTLE = 0.1
 
 
 def _table_of_codes(case: Case, scene: Scene) -> list[str]:
-    """Return a table of the codes that are installed.
+    """Return the lines of a table of all installed codes that solve a case.
 
-    It has their areas, c_eff, distances of the pressures from those of the elements at
-    the nodes (L2) and of the distribution, and times over theirs on one thread.
+    The columns are: raw and corrected area (fractions), c_eff = hardness/sigma_Y, L2
+    norm of the difference of the nodal pressures from those of `fem_check` over the
+    norm of these, distance of the pressure distributions, time over that of `fem_check`
+    (one thread), unknowns, iterations.  A code that does not converge has a line with
+    the reason.
+
+    Args:
+        case: the case, with options of finite elements.
+        scene: its scene on one surface.
     """
-    flows = case.options["fem"]["law"] == "j2"
+    is_j2 = case.options["fem"]["law"] == "j2"
     lines = [_HEAD]
     elements = None
     for name, (solved, solve) in _solves_of_codes(case, scene).items():
@@ -285,9 +334,11 @@ def _table_of_codes(case: Case, scene: Scene) -> list[str]:
         except NotConverged as error:
             lines.append(f"{name}: {error}")
             continue
-        elements = elements or result  # those of the elements come first
+        elements = elements or result  # `fem_check` is the first of the codes
         away = difference(result, elements, math.inf)
-        ratio = hardness_of_equal_area(solved, result).ratio if flows else math.nan
+        ratio = math.nan
+        if is_j2:
+            ratio = hardness_of_equal_area(solved, result).ratio
         cost = result.cost
         row = (
             name,
@@ -307,9 +358,14 @@ def _table_of_codes(case: Case, scene: Scene) -> list[str]:
 def _solves_of_codes(
     case: Case, scene: Scene
 ) -> dict[str, tuple[Scene, Callable[[], ContactResult]]]:
-    """Return the scene and the solve of each row of the table, the elements' first.
+    """Return the scene and a function that solves it, for each row of the table.
 
-    CalculiX is asked again with one thing changed.
+    The first row is `fem_check`.  CalculiX has further rows, in each of which one
+    choice differs.
+
+    Args:
+        case: the case, with options of finite elements.
+        scene: its scene on one surface.
     """
     options = {**case.options["fem"], "certified": False}
     solves: dict[str, tuple[Scene, Callable[[], ContactResult]]] = {}
@@ -317,7 +373,9 @@ def _solves_of_codes(
         has_options = method.table == "fem"
         comparable = method.has_model_measures and not method.missing
         if comparable and (options["law"] == "j2" or has_options):
-            given = options if has_options else {}
+            given: dict[str, Any] = {}
+            if has_options:
+                given = options
             solves[name] = (scene, partial(method.solve, scene, given, 1))
     if "calculix" in solves:
         for name, change in calculix.CHANGES.items():
@@ -329,7 +387,11 @@ def _solves_of_codes(
 
 
 def _similar_scene(scene: Scene) -> Scene:
-    """Return a scene of the same result with a tenth of the slope."""
+    """Return a scene with a tenth of the slope and ten times Young's modulus.
+
+    Contact areas and pressures are those of the given scene, except for effects of
+    large displacements.
+    """
     surface = replace(scene.surface, heights=_GENTLE * scene.surface.heights)
     stiffer = scene.material.young_modulus / _GENTLE
     material = replace(scene.material, young_modulus=stiffer)
@@ -340,7 +402,14 @@ def _similar_scene(scene: Scene) -> Scene:
 
 
 def _ensemble_lines(rows: Sequence[Mapping[str, float]]) -> list[str]:
-    """Return the lines on the quantities that every surface has."""
+    """Return lines with the mean of each value that all surfaces have.
+
+    Each mean has its standard error and, in brackets, the standard deviation between
+    surfaces.
+
+    Args:
+        rows: the values by name of each surface, from `_check_surface`; two or more.
+    """
     shared = [name for name in rows[0] if all(name in row for row in rows)]
     means, errors, lines = {}, {}, []
     for name in shared:
@@ -352,8 +421,8 @@ def _ensemble_lines(rows: Sequence[Mapping[str, float]]) -> list[str]:
             f"{name}: {means[name]:+.4f} +- {errors[name]:.4f} ({deviation:.4f})"
         )
     if _C_EFF in means:
-        # The scatter of the surfaces averages out, and so does half a node more or
-        # less; the other parts of the error do not.
+        # The scatter of surfaces and the error of half a node decrease in the mean; the
+        # other parts of the error do not.
         parts = {"seeds": errors[_C_EFF]}
         for name in shared:
             if name.startswith(_CHANGE):

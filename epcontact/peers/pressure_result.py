@@ -1,6 +1,6 @@
 """The result that follows from a pressure field, in the same way for every code.
 
-A gate then judges the pressures of a code and nothing else that it says.
+A gate then judges the pressures of a code and no other output of it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from epcontact.scene import Scene
 
 #: A pressure this close to the hardness, relative to it, counts as the hardness.
 _AT_HARDNESS = 1e-9
-#: Depth over the rms height by which an open point may lie below plastic ones: the
-#: errors of the gaps of a solve are far smaller.
+#: Depth, over the rms height, by which an open point may penetrate the flat.  Errors of
+#: the gaps of a converged solve are far smaller.
 _OPEN_BELOW = 1e-3
 
 
@@ -38,8 +38,10 @@ def result_of_pressures(
 ) -> ContactResult:
     """Return the result at the last load that follows from a pressure field.
 
-    The residuals of the result are the largest gap of an elastic point over the rms
-    height, and the relative error of the mean pressure.
+    Points with zero pressure are apart, those at the hardness are plastic, and all
+    others are elastic.  The residuals of the result are "gap_elastic", the largest gap
+    of an elastic point over the rms height, and "force", the relative error of the mean
+    pressure.
 
     Args:
         scene: the scene that was solved.
@@ -49,8 +51,8 @@ def result_of_pressures(
             is no elastic point, at the highest plastic one.
         name: the name of the solver.
         seconds: the time of its solve.
-        before: how far the load before has left the surface lowered, in m; None: by
-            nothing.
+        before: plastic displacement (m, downward) that earlier loads left, on the grid;
+            None: none.
         flows: whether the body flows by J2, so that no cap bounds the pressures.
 
     Raises:
@@ -73,7 +75,8 @@ def result_of_pressures(
         before = None
     elif before is None:
         raise InvalidScene(
-            f"the load path unloads, but {name} knows of no flow before its load"
+            f"the load path unloads, but {name} gives no plastic displacement of the "
+            "earlier loads"
         )
     lowered = np.zeros(surface.shape) if before is None else before
     if gap is None:
@@ -106,7 +109,7 @@ def result_of_pressures(
         plastic_displacement,
     )
     quantities["largest_pressure"] = float(pressure.max())
-    if flows:  # the surface does not show the rest of a body that flows inside
+    if flows:  # other quantities depend on the flow inside of the body
         shown = ("mean_gap", "mean_separation", "largest_pressure")
         quantities = {name: quantities[name] for name in shown}
     last = LoadStep(load.final, areas, residuals, quantities=quantities)
@@ -133,15 +136,22 @@ def result_of_pressures(
 
 
 def _require_finite(given: Mapping[str, Any]) -> None:
+    """Raise InvalidScene if a field of a solver is infinite or NaN at a point.
+
+    `given` has the fields by name: pressure and, where given, gap and displacement.
+    """
     for field in ("pressure", "gap", "displacement"):
         if not np.isfinite(given.get(field, 0)).all():
             raise InvalidScene(
-                f"{field} is infinite or NaN at a point, and must be finite at all"
+                f"{field} is infinite or NaN at a point, but must be finite"
             )
 
 
 def _displacement(scene: Scene, pressure: FloatArray) -> NDArray[np.float64]:
-    """Return the elastic displacement (m) that pressures (Pa) cause."""
+    """Return the elastic surface displacement (m, downward) that pressures (Pa) cause.
+
+    `pressure` and the result are on the grid of the scene.
+    """
     surface = scene.surface
     q = rfft_wavenumbers(surface.shape, surface.periods)
     compliance = surface_compliance(q, scene.body, scene.material)

@@ -24,7 +24,7 @@ from epcontact.peers.pressure_result import result_of_pressures
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene
 
-#: Returns pressure/E* on the grid of heights; see `PEERS`.
+#: A function that returns pressure/E* on the grid of heights; see `PEERS`.
 Pressure = Callable[..., FloatArray]
 
 #: The tightest relative tolerance on the penetration or the gap with which the cases of
@@ -41,7 +41,19 @@ def _contact_mechanics_pressure(
     effort: Any,
     lengths: Any = (1.0, 1.0),
 ) -> FloatArray:
-    """Return pressure/E* by ContactMechanics; `effort` is its option `pentol`."""
+    """Return pressure/E* by ContactMechanics.
+
+    Args:
+        heights: over the period, (nx, ny).
+        load: mean pressure over E*.
+        hardness: over E*; infinite for an elastic body.
+        effort: ContactMechanics' tolerance `pentol` on the penetration, over the
+            period.
+        lengths: both periods, over the first.
+
+    Raises:
+        ImportError: if the package is not installed.
+    """
     from ContactMechanics import PeriodicFFTElasticHalfSpace
     from ContactMechanics.Optimization import constrained_conjugate_gradients
 
@@ -65,8 +77,17 @@ def _tamaas_pressure(
     effort: Any,
     lengths: Any = (1.0, 1.0),
 ) -> FloatArray:
-    """Return pressure/E* by tamaas; `effort` is a tolerance or, with a hardness, the
-    number of iterations.
+    """Return pressure/E* by tamaas.
+
+    Args:
+        heights: over the period, (nx, ny).
+        load: mean pressure over E*.
+        hardness: over E*; infinite for an elastic body.
+        effort: relative tolerance or, with a finite hardness, the number of iterations.
+        lengths: both periods, over the first.
+
+    Raises:
+        ImportError: if the package is not installed.
     """
     import tamaas as tm
 
@@ -92,19 +113,43 @@ PEERS: dict[str, Pressure] = {
 
 
 def contact_mechanics(scene: Scene) -> ContactResult:
-    """Solve a scene by ContactMechanics.  Raises InvalidScene, NotConverged."""
+    """Solve a scene by ContactMechanics.
+
+    The result is at the last load of the path.  Raises InvalidScene if the scene is not
+    a half-space under a surface or its load path unloads a capped body, and
+    NotConverged if ContactMechanics fails.
+    """
     rms_height = float(np.std(scene.surface.heights))
     effort = TOLERANCE * rms_height / scene.surface.periods[0]
     return _solve(scene, "contact_mechanics", "ContactMechanics", effort)
 
 
 def tamaas(scene: Scene) -> ContactResult:
-    """Solve a scene by tamaas.  Raises InvalidScene, NotConverged."""
-    elastic = math.isinf(scene.material.hardness)
-    return _solve(scene, "tamaas", "tamaas", TOLERANCE if elastic else ITERATIONS)
+    """Solve a scene by tamaas.
+
+    The result is at the last load of the path.  Raises InvalidScene if the scene is not
+    a half-space under a surface or its load path unloads a capped body, and
+    NotConverged if tamaas fails.
+    """
+    effort: float = ITERATIONS
+    if math.isinf(scene.material.hardness):
+        effort = TOLERANCE
+    return _solve(scene, "tamaas", "tamaas", effort)
 
 
 def _solve(scene: Scene, name: str, package: str, effort: float) -> ContactResult:
+    """Solve a scene by a package.
+
+    Args:
+        scene: the scene.
+        name: of the method in the result.
+        package: the package's key in `PEERS`.
+        effort: its setting of accuracy, as the function in `PEERS` takes it.
+
+    Raises:
+        InvalidScene: if the package does not solve such a scene.
+        NotConverged: if the package fails.
+    """
     modulus = effective_modulus(scene.material)
     periods = scene.surface.periods
     heights = np.array(scene.surface.heights) / periods[0]
@@ -123,12 +168,16 @@ def _solve(scene: Scene, name: str, package: str, effort: float) -> ContactResul
 
 @contextlib.contextmanager
 def errors_of_package(scene: Scene, package: str) -> Iterator[None]:
-    """Raise NotConverged for the errors of a package in the block.
+    """Change errors of a package inside of the `with` block to NotConverged.
 
-    Raises InvalidScene at once if the package does not know such a scene.
+    On entry it raises InvalidScene if the scene is not a half-space under a surface.
+
+    Args:
+        scene: the scene that the package solves.
+        package: name of the package, for messages.
     """
     if scene.surface.heights.ndim != 2 or scene.body.kind != "half_space":
-        raise InvalidScene(f"{package} is asked for half-spaces under surfaces only")
+        raise InvalidScene(f"{package} is used for half-spaces under surfaces only")
     try:
         yield
     except (RuntimeError, ArithmeticError, ValueError) as error:

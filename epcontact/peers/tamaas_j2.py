@@ -26,8 +26,8 @@ from epcontact.peers.public_codes import errors_of_package
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Load, Scene
 
-#: Depths over the period down to which the body may flow; the next one is tried while
-#: something flows in the lowest layer.
+#: Depths, over the period, of the layer in which the body may flow.  The second is
+#: used if the deepest points of the first one flow.
 FLOWING = (0.5, 1.0)
 #: Increments from each load to the next.
 INCREMENTS = 4
@@ -37,11 +37,14 @@ FLOW_TOLERANCE = 1e-4
 #: Cap over the yield stress from whose contact an increment starts: elastic pressures
 #: on fine grids are more than a flowing body can carry.
 START_CAP = 2.5
-#: Mixing factor of Anderson's acceleration of the outer loop, the number of earlier
-#: iterations that it uses, and the largest number of iterations.
-MIXING, EARLIER, MOST_ITERATIONS = 0.5, 3, 100
-#: Norm of the plastic displacement, over that of the heights, below which next to
-#: nothing flows: the tolerance does not fall further.
+#: Mixing factor of Anderson's acceleration of the outer loop.
+MIXING = 0.5
+#: Number of earlier iterations that the acceleration uses.
+EARLIER = 3
+#: Largest number of iterations of the outer loop in an increment.
+MOST_ITERATIONS = 100
+#: Smallest scale of the tolerance: norm of the plastic displacement over that of the
+#: heights.  A body with less flow is solved to the same absolute tolerance.
 _LEAST_FLOW = 0.01
 #: Hardening over Young's modulus: tamaas divides by it, and this small one changes no
 #: digit that its tolerance leaves.
@@ -88,8 +91,15 @@ def tamaas_j2(scene: Scene) -> ContactResult:
 
 
 def _solve_to_depth(scene: Scene) -> tuple[float, FloatArray, FloatArray, int]:
-    """Return the depth (m) of a block in whose lowest layer nothing flows, and
-    pressure/E*, gap (m) and the number of solves.
+    """Solve a scene with flow in the shallowest layer that is deep enough.
+
+    Returns:
+        The depth of the layer (m), pressure/E* and the gap (m), both on the grid of the
+        scene, and how often contact and flow were solved in turn.
+
+    Raises:
+        RuntimeError: if the body flows at the bottom of the deepest layer of `FLOWING`.
+        NoConvergence: if contact and flow do not settle.
     """
     for fraction in FLOWING:
         depth = fraction * scene.surface.periods[0]
@@ -102,12 +112,18 @@ def _solve_to_depth(scene: Scene) -> tuple[float, FloatArray, FloatArray, int]:
 def _solve_flow(
     scene: Scene, depth: float
 ) -> tuple[FloatArray, FloatArray, float, int]:
-    """Return pressure/E*, the gap (m), the largest plastic strain in the lowest layer,
-    and how often contact and flow were solved in turn.
+    """Solve contact and flow in turn, in increments along the load path.
 
     Args:
         scene: the scene.
         depth: the depth in m down to which the body may flow.
+
+    Returns:
+        pressure/E* and the gap (m), both on the grid of the scene, the largest plastic
+        strain at that depth, and how often contact and flow were solved in turn.
+
+    Raises:
+        NoConvergence: if they do not settle in `MOST_ITERATIONS`.
     """
     modulus = effective_modulus(scene.material)
     period = scene.surface.periods[0]
@@ -119,12 +135,17 @@ def _solve_flow(
     smallest = _LEAST_FLOW * float(np.linalg.norm(heights - heights.mean()))
 
     def change(residual: FloatArray, load: float) -> FloatArray:
-        """Solve contact and flow; return the error of the residual displacement."""
+        """Return the error of a residual displacement: its new value less itself.
+
+        Contact is solved on the surface that earlier increments and `residual` (both
+        over the period, on the grid) have lowered, under `load` (mean pressure over
+        E*).  Then flow is solved under the contact's pressures.
+        """
         solves.append(load)
         contact.surface[:] = (heights - residual_before - residual).ravel()
         contact.solve(load)
         traction = np.array(model.traction)
-        # Flow is solved for what an increment adds.
+        # The flow solver takes the change of the pressures in an increment.
         model.traction[...] = traction - traction_before
         flow.solve()
         caused = np.array(model.displacement)[0, ..., 2]
@@ -156,7 +177,11 @@ def _solve_flow(
 
 
 def _increments(path: tuple[float, ...]) -> list[float]:
-    """Return the mean pressures (Pa) of all increments of a path."""
+    """Return the mean pressures (Pa) of all increments, from those of a load path.
+
+    Each load of the path is reached from the one before, or from 0, in INCREMENTS equal
+    increments.
+    """
     loads = []
     for start, end in pairwise((0.0, *path)):
         for number in range(1, INCREMENTS + 1):
@@ -194,10 +219,16 @@ def _tamaas_solvers(scene: Scene, depth: float) -> tuple[Any, Any, Any]:
 
 
 def _plastic_displacement(scene: Scene, load: float) -> FloatArray:
-    """Return the plastic displacement (m) of a body under a cap, of zero mean.
+    """Return the plastic displacement of a body with a cap on the pressure.
 
-    An elastic body whose heights are lower by it presses nowhere with more than the
-    cap.
+    It is a first guess of the residual displacement of the J2 body.
+
+    Args:
+        scene: the scene of the J2 body.
+        load: mean pressure in Pa.
+
+    Returns:
+        The displacement in m, downward and with a mean of 0, on the grid of the scene.
     """
     hardness = max(START_CAP * scene.material.yield_stress, 2 * load)
     material = replace(scene.material, hardness=hardness)
