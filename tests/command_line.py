@@ -17,8 +17,12 @@ Done = subprocess.CompletedProcess[str]
 
 
 def invoke(*arguments):
-    """Run the command line here, where warnings are errors and an exception ends the
-    test.
+    """Run the command line in this process and return its exit code and texts.
+
+    The `arguments` are the words after `epcontact`; paths and numbers are converted to
+    text. The result is a `subprocess.CompletedProcess` with `returncode`, `stdout` and
+    `stderr`. Warnings are errors, and any exception but SystemExit is raised. The
+    handlers of SIGTERM and SIGINT are restored afterwards.
     """
     out, err, command = (
         io.StringIO(),
@@ -36,7 +40,12 @@ def invoke(*arguments):
 
 
 def python(*arguments, **options):
-    """Run Python in a process of its own, which takes a second to load the package."""
+    """Run Python with arguments in a new process, and return the `CompletedProcess`
+    with its texts.
+
+    It takes a second to load the package, and raises `subprocess.TimeoutExpired` after
+    300 s. `options` are those of `subprocess.run`, such as cwd or env.
+    """
     command = [sys.executable, *map(str, arguments)]
     return subprocess.run(
         command, check=False, capture_output=True, text=True, timeout=300, **options

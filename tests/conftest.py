@@ -75,11 +75,18 @@ because = "-"
 
 @pytest.fixture
 def write_case(tmp_path):
-    """Write SMALL_CASE, with replacements and more text, to a file named after its
-    id.
+    """Return a function that writes SMALL_CASE to a new file in `tmp_path` and returns
+    its path.
     """
 
     def write(*replacements, name="small", more=""):
+        """Write SMALL_CASE with changes to `name`.toml, and return the path of the
+        file.
+
+        `replacements` are pairs (old text, new text), applied in order; an old text
+        that is absent fails the test. `name` is also the id of the case, and `more` is
+        appended to the file.
+        """
         text = SMALL_CASE.replace('id = "small"', f'id = "{name}"') + more
         for old, new in replacements:
             assert old in text, old

@@ -6,11 +6,12 @@ from epcontact.scene import Body, Load, Material, Scene, Surface
 
 
 def rough_heights(nodes, highest, *, seed=7, slope=0.05, dimensions=2):
-    """Return self-affine heights of unit period.
+    """Return self-affine heights of zero mean on a period of 1, as an array of `nodes`
+    points along each of `dimensions` axes, in units of the period.
 
     They have the wave numbers 1 to `highest` per period, a Hurst exponent of 0.8 and
-    the rms slope `slope`.  The waves do not depend on the number of nodes: grids refine
-    one surface.
+    the rms slope `slope` (dimensionless). `seed` draws the phases and amplitudes, and
+    these do not depend on the number of nodes: finer grids refine one surface.
     """
     rng = np.random.default_rng(seed)
     waves = np.arange(-highest, highest + 1)
@@ -41,7 +42,12 @@ def rough_scene(
     slope=0.05,
     body=None,
 ):
-    """Return a rough scene with E* xi = 1, so that pressures are in units of E* xi."""
+    """Return a rough scene in units in which E* xi = 1, with xi the rms slope `slope`.
+
+    The surface is that of `rough_heights` with a period of 1. `pressure` (the mean
+    pressure, or a tuple of them for a path), `yield_stress` and `hardness` are in units
+    of E* xi; `body` is a half-space if None.
+    """
     heights = rough_heights(
         nodes, highest, seed=seed, slope=slope, dimensions=dimensions
     )
@@ -60,10 +66,13 @@ def sphere_scene(
     yield_stress=np.inf,
     offset=(0.21, 0.37),
 ):
-    """Return a sphere of R = 1 m and E = 1 Pa under a force in N.
+    """Return a paraboloid of radius R = 1 m and E = 1 Pa under `force` (N), on a square
+    period.
 
-    A contact of radius 0.05 m would have `nodes_to_rim` nodes along its radius.  The
-    top of the sphere is `offset` spacings from a node.
+    The grid has `nodes` x `nodes` points, spaced such that a contact radius of 0.05 m
+    is `nodes_to_rim` spacings. The summit lies at the middle of the period, and
+    `offset` shifts the grid against it, as fractions of the spacing along x and y.
+    `yield_stress` is in Pa.
     """
     period = nodes * 0.05 / nodes_to_rim
     x, y = (np.arange(nodes) + np.reshape(offset, (2, 1))) * (period / nodes)

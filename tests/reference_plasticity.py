@@ -15,8 +15,8 @@ from scipy.optimize import minimize_scalar
 def sphere_axis_stresses(depth, poisson_ratio):
     """Return (sigma_r, sigma_z)/p_0 on the axis of a Hertzian contact of a sphere.
 
-    `depth` is z/a with the contact radius a; tension is positive, and the hoop stress
-    is sigma_r.  Johnson (1985), equations 3.45.
+    p_0 is the largest contact pressure. `depth` is z/a, with the contact radius a;
+    tension is positive, and the hoop stress is sigma_r. Johnson (1985), equations 3.45.
     """
     axial = -1 / (1 + depth**2)
     bulk = -(1 + poisson_ratio) * (1 - depth * math.atan2(1, depth))
@@ -26,10 +26,14 @@ def sphere_axis_stresses(depth, poisson_ratio):
 def sphere_onset(poisson_ratio):
     """Return (p_0/Y, z/a) at first yield under a sphere, which is on the axis.
 
-    Von Mises and Tresca agree there.
+    p_0 is the largest contact pressure, Y the uniaxial yield stress, z the depth and a
+    the contact radius. Von Mises and Tresca agree on the axis.
     """
 
     def negative_stress(depth):
+        """Return (sigma_z - sigma_r)/p_0 at the depth z/a: minus the stress that
+        yields.
+        """
         radial, axial = sphere_axis_stresses(depth, poisson_ratio)
         return axial - radial
 
@@ -40,26 +44,34 @@ def sphere_onset(poisson_ratio):
 
 
 def sphere_onset_force(radius, effective_modulus, yield_stress, poisson_ratio):
-    """Return the force at first yield in N: (pi^3 R^2/(6 E*^2)) p_0^3."""
+    """Return the force at first yield under a sphere in N: (pi^3 R^2/(6 E*^2)) p_0^3.
+
+    `radius` is R in m, `effective_modulus` is E* in Pa, `yield_stress` is uniaxial in
+    Pa; p_0 is the largest pressure at first yield.
+    """
     peak = sphere_onset(poisson_ratio)[0] * yield_stress
     return math.pi**3 * radius**2 * peak**3 / (6 * effective_modulus**2)
 
 
 def thick_sphere_pressure(c, a, b, yield_stress):
-    """Return the inner pressure at which a hollow sphere has yielded out to c, in Pa.
+    """Return the inner pressure in Pa at which a hollow sphere has yielded out to
+    radius `c`.
 
-    The sphere has the radii a to b.  c = a is the onset, and c = b the collapse, at
-    2 Y ln(b/a).  Hill (1950), chapter 5.
+    `a` and `b` are the inner and the outer radius, in the unit of `c`, with a <= c <=
+    b; `yield_stress` is uniaxial in Pa. c = a is the onset, and c = b the collapse, at
+    2 Y ln(b/a). Hill (1950), chapter 5.
     """
     return 2 * yield_stress * (math.log(c / a) + (1 - (c / b) ** 3) / 3)
 
 
 def cavity_mean_pressure(a, radius, young_modulus, yield_stress, poisson_ratio):
-    """Return the mean pressure under a sphere by the cavity model, in Pa.
+    """Return the mean pressure under an elastic-plastic sphere by the cavity model, in
+    Pa.
 
-    A core of the contact radius a (m) under p_m = Y [2/3 + 2 ln(c/a)] feeds an
-    elastic-plastic sphere of radius c with its volume.  Valid between the onset and
-    full plasticity.  Johnson (1985), section 6.3.
+    `a` is the contact radius and `radius` the sphere's, in m; `young_modulus` and
+    `yield_stress` are in Pa. A core of radius a under p_m = Y [2/3 + 2 ln(c/a)] feeds
+    an elastic-plastic sphere of radius c with its volume. Valid between first yield and
+    full plasticity. Johnson (1985), section 6.3.
     """
     strain = young_modulus * a / (yield_stress * radius)
     cubed = (strain + 4 * (1 - 2 * poisson_ratio)) / (6 * (1 - poisson_ratio))
@@ -72,25 +84,35 @@ def cavity_mean_pressure(a, radius, young_modulus, yield_stress, poisson_ratio):
 
 
 def _hertz_at(pressure_ratio, radius, effective_modulus):
-    """Return the critical values if p_0 is E* times the ratio at first yield."""
+    """Return (interference in m, force in N, contact area in m^2) of Hertz's sphere at
+    p_0.
+
+    `pressure_ratio` is p_0/E*, with p_0 the largest pressure at first yield; `radius`
+    is in m and `effective_modulus`, E*, in Pa.
+    """
     interference = (math.pi * pressure_ratio / 2) ** 2 * radius
     force = 4 / 3 * effective_modulus * math.sqrt(radius) * interference**1.5
     return interference, force, math.pi * radius * interference
 
 
 def kogut_etsion_critical(radius, effective_modulus, yield_stress, poisson_ratio):
-    """Return critical values with K = 0.454 + 0.41 nu and H = 2.8 Y.
+    """Return (interference in m, force in N, area in m^2) at first yield by Kogut and
+    Etsion.
 
-    Journal of Applied Mechanics 69 (2002) 657.
+    `radius` is the sphere's in m, `effective_modulus` and `yield_stress` (uniaxial) are
+    in Pa. The constants are K = 0.454 + 0.41 nu and H = 2.8 Y: Journal of Applied
+    Mechanics 69 (2002) 657.
     """
     peak = (0.454 + 0.41 * poisson_ratio) * 2.8 * yield_stress
     return _hertz_at(peak / effective_modulus, radius, effective_modulus)
 
 
 def kogut_etsion(x, poisson_ratio):
-    """Return the fit in pieces, which jumps by up to 8 % at its joints.
+    """Return (force, area) of a flattened sphere over their values at first yield.
 
-    Beyond x = 110 the contact is fully plastic.
+    `x` is the interference over that at first yield. The fit of Kogut and Etsion
+    consists of pieces, and jumps by up to 8 % at their joints. Beyond x = 110 the
+    contact is fully plastic.
     """
     if x <= 1:
         return x**1.5, x
@@ -102,18 +124,23 @@ def kogut_etsion(x, poisson_ratio):
 
 
 def jackson_green_critical(radius, effective_modulus, yield_stress, poisson_ratio):
-    """Return critical values with C = 1.295 e^(0.736 nu).
+    """Return (interference in m, force in N, area in m^2) at first yield by Jackson and
+    Green.
 
-    Journal of Tribology 127 (2005) 343.
+    `radius` is the sphere's in m, `effective_modulus` and `yield_stress` (uniaxial) are
+    in Pa. The constant is C = 1.295 e^(0.736 nu): Journal of Tribology 127 (2005) 343.
     """
     peak = 1.295 * math.exp(0.736 * poisson_ratio) * yield_stress
     return _hertz_at(peak / effective_modulus, radius, effective_modulus)
 
 
 def jackson_green(x, radius, effective_modulus, yield_stress, poisson_ratio):
-    """Return the fit, which is Hertz for x <= 1.9.
+    """Return (force, area) of a flattened sphere over their values at first yield.
 
-    Beyond it the hardness falls with a/R; the fit holds for a/R <= 0.41.
+    `x` is the interference over that at first yield; the other arguments are those of
+    `jackson_green_critical`. The fit of Jackson and Green is Hertz for x <= 1.9. Beyond
+    it the hardness falls with a/R, contact radius over sphere radius; the fit holds for
+    a/R <= 0.41.
     """
     if x <= 1.9:
         return x**1.5, x
