@@ -29,6 +29,9 @@ ELASTIC = FemOptions(law="elastic")
 
 
 def elastic_scene(slope=0.05):
+    """Return an elastic rough scene of 8 x 8 nodes with the rms slope `slope`, E* xi =
+    1.
+    """
     return rough_scene(8, 2, slope=slope, hardness=np.inf)
 
 
@@ -37,6 +40,9 @@ def elastic_scene(slope=0.05):
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk", "msh", "med"])
 def test_the_exported_block_is_the_one_that_is_solved(tmp_path, suffix):
+    """`export` writes a mesh in each format, with the top, the base and the gap as
+    point data.
+    """
     if suffix == "med":
         pytest.importorskip("h5py")
     file = tmp_path / f"block.{suffix}"
@@ -57,6 +63,7 @@ def test_the_exported_block_is_the_one_that_is_solved(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", ["vtu", "vtk"])
 def test_vtk_reads_the_exported_block(tmp_path, suffix):
+    """pyvista reads the same points and point data from a VTK file as meshio does."""
     file = tmp_path / f"block.{suffix}"
     invoke("export", "fem-capped", file)
     mesh = meshio.read(file)
@@ -72,6 +79,10 @@ def test_vtk_reads_the_exported_block(tmp_path, suffix):
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(
     tmp_path, suffix, message
 ):
+    """An unknown suffix, or a law that CalculiX lacks, gives exit code 2 and no file.
+
+    `message` is a part of the message on stderr.
+    """
     process = invoke("export", "fem-capped", tmp_path / f"block.{suffix}")
     assert process.returncode == 2
     assert message in process.stderr
@@ -79,6 +90,11 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(
 
 
 def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
+    """The CalculiX deck holds the scene's gaps, in words of at most 20 characters.
+
+    The mesh of the deck is that of the problem, and the node of the flat lies a quarter
+    of the period (2/8) above, so that a viewer shows the block, too.
+    """
     scene = elastic_scene(1e-5)
     problem = problem_of(scene, ELASTIC)
     mesh = mesh_of(problem, reference=True)
@@ -115,12 +131,18 @@ def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
     ],
 )
 def test_what_calculix_does_not_answer_is_refused(options, load, message):
+    """Laws, geometries, prescribed approaches and unloading beyond CalculiX raise
+    `InvalidScene`.
+
+    `load` is the mean pressure, or the path of them, in units of E* xi.
+    """
     scene = rough_scene(8, 2, pressure=load)
     with pytest.raises(InvalidScene, match=message):
         calculix.solve(scene, options)
 
 
 def test_a_program_that_fails_is_told(tmp_path, monkeypatch):
+    """The error line that the program `ccx` prints is the message of `NotConverged`."""
     program = tmp_path / "ccx"
     program.write_text("#!/bin/sh\necho ' *ERROR reading *STEP: too bad'\n")
     program.chmod(0o755)
@@ -133,9 +155,11 @@ def test_a_program_that_fails_is_told(tmp_path, monkeypatch):
 
 
 def plain_compliance(problem, material):
-    """Return the (nodes, nodes) normal compliance of the top, in m/N.
+    """Return the (nodes, nodes) normal compliance of the top of a problem's block, in
+    m/N.
 
-    It is that of scikit-fem's linear elasticity, without anything against locking.
+    It is that of scikit-fem's linear elasticity on the same mesh, without anything
+    against locking. `problem` has the block, and `material` the moduli in Pa.
     """
     nx, ny = problem.block.shape
     nz = len(problem.block.layers)
@@ -182,16 +206,22 @@ def plain_pressures(scene):
 
 
 def pressure_error(scene, expected, **changes):
-    """Return the relative L1 error of the pressures of CalculiX's plain elements."""
+    """Return sum |p - expected| / sum expected for CalculiX's elements C3D8 (no
+    incompatible modes).
+
+    `expected` are the (nx, ny) pressures in Pa; `changes` are arguments of
+    `calculix.solve`.
+    """
     result = calculix.solve(scene, {"law": "elastic"}, element="C3D8", **changes)
     return np.abs(result.fields["pressure"] - expected).sum() / expected.sum()
 
 
 @needs_ccx
 def test_calculix_has_the_pressures_of_a_plain_assembly_in_the_limit_of_small_slopes():
-    """The difference falls with the slope, down to that of the springs.
+    """The difference falls with the slope, down to the difference that the contact
+    springs cause.
 
-    The springs' part is inversely proportional to their stiffness.
+    The springs' part is inversely proportional to their stiffness, `PENALTY`.
     """
     errors = []
     for slope in (0.05, 0.005, 0.0005):
@@ -207,6 +237,11 @@ def test_calculix_has_the_pressures_of_a_plain_assembly_in_the_limit_of_small_sl
 
 @needs_ccx
 def test_a_path_has_a_step_for_each_load_and_flow_is_read():
+    """A path of two loads gives two steps with rising areas and the pressures of one
+    step.
+
+    The pressures agree to 0.2 %, and J2 flow is read as plastic area.
+    """
     scene = rough_scene(8, 2)
     path_scene = replace(scene, load=Load((0.025, 0.05)))
     path = calculix.solve(path_scene, {"law": "j2", "steps": 4})
@@ -224,6 +259,12 @@ def test_a_path_has_a_step_for_each_load_and_flow_is_read():
 
 @needs_ccx
 def test_neither_springs_nor_slopes_but_an_element_is_what_differs():
+    """In the cross-check with CalculiX, the element type causes the difference.
+
+    The last five rows of the report are: the same solver (0), incompatible modes, plain
+    bricks (more than twice as far), softer springs and smaller slopes (as far as
+    incompatible modes within 20 %).
+    """
     rows = crosscheck(load_case("calculix-elastic")).splitlines()[-5:]
     differences = [float(row[32:].split()[3]) for row in rows]
     zero, incompatible, plain, *others = differences

@@ -49,7 +49,11 @@ def empty_caches():
 
 
 def parameters(seen_by_test):
-    """Return parameters for the faults that a test sees, or for those of gates."""
+    """Return pytest parameters of the faults that a test sees (True) or a gate sees
+    (False).
+
+    Each has the fault's description as its id, and slow ones have the mark `long`.
+    """
     faults = [fault for fault in FAULTS if bool(fault.test) == seen_by_test]
     return [
         pytest.param(fault, id=fault.what, marks=[pytest.mark.long] * is_slow(fault))
@@ -58,12 +62,15 @@ def parameters(seen_by_test):
 
 
 def is_slow(fault):
+    """Return whether judging a fault takes seconds, by its test or its case."""
     slow_test = any(name in fault.test for name in SLOW_TESTS)
     return slow_test or fault.case.startswith(SLOW_CASES)
 
 
 def apply(fault, monkeypatch):
-    """Put a fault in place, or skip the test if it no longer fits the code."""
+    """Apply the fault with pytest's `monkeypatch`, or skip the test if the code has
+    changed.
+    """
     try:
         fault.apply(monkeypatch)
     except StaleFault as reason:
@@ -72,6 +79,9 @@ def apply(fault, monkeypatch):
 
 @pytest.mark.parametrize("fault", parameters(seen_by_test=False))
 def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch):
+    """With the fault in place, the named gate has the expected status, such as "falls
+    short".
+    """
     if fault.surfaces is not None:
         # The case's own test judges all of its surfaces together, but not these alone.
         honest = status_under(fault, tmp_path / "honest")
@@ -82,19 +92,21 @@ def test_fault_turns_its_gate_red(fault, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("fault", parameters(seen_by_test=True))
 def test_fault_makes_its_test_fail(fault, tmp_path, monkeypatch):
+    """With the fault in place, the test that the fault names fails."""
     with monkeypatch.context() as patched:
         apply(fault, patched)
         assert fails_under(fault, tmp_path / "tests")
 
 
 def test_nearly_all_faults_fit_the_code():
+    """At most 3 % of the faults name a place that the code no longer has."""
     reasons = {fault.what: reason_stale(fault) for fault in FAULTS}
     stale = {what: reason for what, reason in reasons.items() if reason}
     assert len(stale) <= MOST_STALE * len(FAULTS), stale
 
 
 def test_faults_have_different_names_and_a_bare_verify_sees_many():
-    """A fault is a change of the code that a test, or a gate of `verify`, must see."""
+    """Faults have different names, and a bare `verify` sees at least 90 of 440."""
     names = {fault.what for fault in FAULTS}
     seen_by = Counter(fault.seen_by for fault in FAULTS)
     assert len(names) == len(FAULTS) >= 440

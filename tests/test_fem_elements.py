@@ -29,9 +29,11 @@ POISSON_RATIOS = [0.0, 0.3, 0.499]
 
 
 def return_map(strain, law):
-    """Return the stress and accumulated plastic strain of a body without history.
+    """Return (stress in Pa, accumulated plastic strain) of a J2 body without history.
 
-    Simo and Hughes, box 3.1, written with (3, 3) tensors.
+    `strain` is the (3, 3) strain tensor, and `law` holds the moduli and the yield
+    stress in Pa. The radial return is Simo and Hughes, box 3.1, written with (3, 3)
+    tensors; the stress is a (3, 3) tensor.
     """
     mean = np.trace(strain) * np.eye(3)
     trial = 2 * law.shear_modulus * (strain - mean / 3)
@@ -43,14 +45,24 @@ def return_map(strain, law):
 
 
 def components(tensor):
-    """Return the components xx, yy, zz, xy, yz, zx."""
+    """Return the components (xx, yy, zz, xy, yz, zx) of a (3, 3) tensor."""
     return tensor[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
 
 
 class Brick:
-    """One skewed brick, with a random displacement at which it yields."""
+    """One skewed brick of unit size, with a random displacement of its corners that
+    makes it yield.
+
+    E = 2, nu = 0.3, and `yield_stress` and `hardening_modulus` are in the unit of E;
+    `u` is the (8, 3) displacement of the corners, and `history` that of an unloaded
+    brick.
+    """
 
     def __init__(self, seed, yield_stress=0.02, hardening_modulus=0.0):
+        """Create the brick; `seed` draws its corners and the displacement.
+
+        `yield_stress` and `hardening_modulus` are in Pa, with E = 2 Pa.
+        """
         rng = np.random.default_rng(seed)
         self.corners = CORNERS + 0.1 * rng.standard_normal((8, 3))
         self.elements = elements_of(np.arange(8)[None], np.zeros(1), self.corners[None])
@@ -59,11 +71,21 @@ class Brick:
         self.history = plasticity.initial_history(1)
 
     def internal_force(self, u):
+        """Return (forces, flowing) of the brick at the displacement `u` of its corners.
+
+        The forces have the shape (8, 3); `flowing` tells of each element whether it
+        yields.
+        """
         return plasticity.internal_force(u, self.elements, self.law, self.history)
 
 
 @pytest.mark.parametrize("hardening_modulus", [0.0, 0.3])
 def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening_modulus):
+    """Elastic stiffness plus plastic correction is the central difference of the force.
+
+    `hardening_modulus` is in units of E/2. Five random directions with steps of 1e-7
+    agree to 1e-6 of the largest component.
+    """
     brick = Brick(3, hardening_modulus=hardening_modulus)
     _, flowing = brick.internal_force(brick.u)
     assert flowing.all()
@@ -82,6 +104,11 @@ def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening_m
 
 @pytest.mark.parametrize("yield_stress", [0.02, 1e3])
 def test_the_compiled_element_agrees_with_the_point_law(yield_stress):
+    """Stress and plastic strain at the 8 Gauss points are those of `return_map`.
+
+    The strain of mean dilatation (B-bar) is put together here from the gradients. With
+    the yield stress 0.02 all points flow, and with 1e3 none does.
+    """
     brick = Brick(5, yield_stress, 0.1)
     arguments = brick.u, brick.elements, brick.law, brick.history
     stress = plasticity.stresses(*arguments)[0]
@@ -104,6 +131,9 @@ def test_the_compiled_element_agrees_with_the_point_law(yield_stress):
 
 
 def test_the_elastic_element_passes_the_patch_test_and_has_six_rigid_motions():
+    """A uniform strain of a skewed brick gives a uniform stress, and 6 eigenvalues are
+    0.
+    """
     brick = Brick(7, math.inf)
     gradient = 1e-3 * np.random.default_rng(8).standard_normal((3, 3))
     expected, _ = return_map((gradient + gradient.T) / 2, brick.law)
@@ -125,11 +155,12 @@ SPHERE_PATH = 8e-3 * np.linspace(0.02, 1.5, 12)
 
 
 def column(count, poisson_ratio, path, *, sphere):
-    """Return the inner pressures and outer displacements of a thick-walled body.
+    """Return (inner pressures, outer displacements), one value for each step of `path`.
 
-    It is a sphere or, in plane strain, a cylinder of radii 1 to 2 with Y = 1 and E =
-    1000, as a column of `count` bricks.  Unknown i moves all nodes of the radius r_i
-    along their directions.
+    The body is a sphere or, in plane strain, a cylinder with the radii 1 to 2, Y = 1
+    and E = 1000 (pressures are in units of Y, lengths in units of the inner radius), as
+    a column of `count` bricks. `path` holds the displacements of the inner surface.
+    Unknown i moves all nodes of the radius r_i along their directions.
     """
     radii = np.geomspace(1.0, 2.0, count + 1)
     lean = math.tan(SLICE)
@@ -165,7 +196,12 @@ def column(count, poisson_ratio, path, *, sphere):
 
 @pytest.mark.parametrize("poisson_ratio", POISSON_RATIOS)
 def test_the_thick_sphere_follows_hill_to_collapse(poisson_ratio):
-    """While it is plastic to c, its outer surface moves by (1 - nu) Y c^3/(E b^2)."""
+    """A thick sphere has Hill's pressure at each displacement, from elastic to
+    collapse.
+
+    While it is plastic to the radius c, its outer surface moves by (1 - nu) Y c^3/(E
+    b^2).
+    """
     path = (1 - poisson_ratio) * SPHERE_PATH
     pressure, outer = column(20, poisson_ratio, path, sphere=True)
     c = np.cbrt(outer * 4000 / (1 - poisson_ratio))
@@ -176,6 +212,9 @@ def test_the_thick_sphere_follows_hill_to_collapse(poisson_ratio):
 
 
 def test_the_thick_spheres_error_falls_with_second_order():
+    """The collapse pressure converges to 2 Y ln(b/a) with the second order of the
+    elements.
+    """
     counts = [8, 16, 32]
     limits = []
     for count in counts:
@@ -188,6 +227,9 @@ def test_the_thick_spheres_error_falls_with_second_order():
 
 @pytest.mark.parametrize("poisson_ratio", POISSON_RATIOS)
 def test_the_thick_cylinder_collapses_at_its_limit(poisson_ratio):
+    """The collapse pressure of a cylinder in plane strain is (2/sqrt 3) Y ln(b/a) to
+    0.2 %.
+    """
     path = 4e-3 * np.linspace(0.1, 4.0, 12)
     pressure, _ = column(20, poisson_ratio, path, sphere=False)
     # nu = 0.3 still creeps up by 1e-4 a step at this push; 20 elements err by 0.05 %.
@@ -195,7 +237,11 @@ def test_the_thick_cylinder_collapses_at_its_limit(poisson_ratio):
 
 
 def test_elements_without_mean_dilatation_lock():
-    """Under a strip punch their load keeps climbing; that of B-bar stays level."""
+    """Under a strip punch, elements without mean dilatation never reach a limit load.
+
+    Their load keeps climbing; that of elements with mean dilatation (B-bar) stays
+    level. Loads are divided by Prandtl's limit.
+    """
     locked = strip_punch(4, mean_dilatation=False) / STRIP_LIMIT
     assert locked[-1] > max(1.3, 1.02 * locked[-2])
     level = strip_punch(4) / STRIP_LIMIT
@@ -205,6 +251,9 @@ def test_elements_without_mean_dilatation_lock():
 @pytest.mark.long
 @pytest.mark.parametrize("poisson_ratio", POISSON_RATIOS)
 def test_prandtls_punch_is_met_by_richardson(poisson_ratio):
+    """The limit load of 4 and 8 elements extrapolates to Prandtl's (2 + pi) k within
+    0.5 %.
+    """
     coarse = strip_punch(4, poisson_ratio=poisson_ratio) / STRIP_LIMIT
     fine = strip_punch(8, poisson_ratio=poisson_ratio) / STRIP_LIMIT
     assert fine[-1] < 1.045
@@ -217,6 +266,11 @@ def test_prandtls_punch_is_met_by_richardson(poisson_ratio):
 
 @pytest.mark.parametrize(("depth", "first"), [(1.0, 1 / 64), (0.1, 0.05), (1e7, 1.0)])
 def test_the_layers_fill_the_depth_and_thicken_slowly(depth, first):
+    """Layers sum up to `depth`, begin with `first`, and grow by a factor of GROWTH at
+    most.
+
+    `depth` and `first`, the thickness of the top layer, have the same unit.
+    """
     layers = graded_layers(depth, first)
     assert layers.sum() == pytest.approx(depth, rel=1e-12)
     assert layers[0] == pytest.approx(first, rel=0.1)
@@ -224,6 +278,11 @@ def test_the_layers_fill_the_depth_and_thicken_slowly(depth, first):
 
 
 def test_grading_changes_no_wave_by_more_than_its_bound():
+    """Graded layers change the compliance of each wave by less than 0.7 %.
+
+    The depth of a half-space's block is deep enough: twice the depth changes all waves
+    but the mean by less than 0.3 %.
+    """
     scene = rough_scene(64, 4, dimensions=1)
     depth = half_space_depth(1.0, 0.3)
     count = round(depth * 64)
@@ -239,6 +298,10 @@ def test_grading_changes_no_wave_by_more_than_its_bound():
 
 @pytest.mark.parametrize("dimensions", [1, 2])
 def test_the_mesh_for_other_codes_fills_one_period(dimensions):
+    """The exported bricks have positive volumes that sum up to area times depth.
+
+    The base lies at minus the depth, and the top has the range of the heights.
+    """
     import pyvista
 
     scene = rough_scene(8, 2, dimensions=dimensions)
@@ -256,6 +319,9 @@ def test_the_mesh_for_other_codes_fills_one_period(dimensions):
 
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def test_what_cannot_be_meshed_is_refused():
+    """A block that is deeper than its layer, or with elements inside out, raises
+    `InvalidScene`.
+    """
     layer = rough_scene(8, 2, body=Body("bonded_layer", 0.5))
     with pytest.raises(InvalidScene, match=r"depth is 1 m.*0\.5 m"):
         block_for(layer, FemOptions(depth=1.0))

@@ -41,10 +41,12 @@ def imported_modules(source):
 
 
 def package_of(module):
+    """Return the first name of a dotted module name."""
     return module.split(".")[0]
 
 
 def test_its_sources_import_no_mathematics_of_epcontact():
+    """No file of fem_check imports a module of epcontact except those in ALLOWED."""
     assert len(SOURCES) > 5
     for path in SOURCES:
         text = path.read_text()
@@ -56,6 +58,7 @@ def test_its_sources_import_no_mathematics_of_epcontact():
 
 
 def test_a_fresh_process_that_solves_loads_no_more():
+    """A process that solves with fem_check has loaded only the modules in ALLOWED."""
     process = subprocess.run(
         [sys.executable, "-W", "error", "-c", SOLVE],
         capture_output=True,
@@ -66,6 +69,9 @@ def test_a_fresh_process_that_solves_loads_no_more():
 
 
 def test_the_contract_itself_imports_numpy_and_the_standard_library_alone():
+    """The modules scene, results and errors import no package but numpy and Python's
+    own.
+    """
     allowed = {"numpy", "epcontact", *sys.stdlib_module_names}
     for name in ("scene", "results", "errors"):
         text = (PACKAGE.parent / "epcontact" / f"{name}.py").read_text()

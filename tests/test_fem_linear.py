@@ -33,7 +33,9 @@ from fem_check.workers import Workers
 
 
 def assert_close(actual, expected, relative):
-    """Compare arrays relative to the largest expected value."""
+    """Require |actual - expected| <= relative * max |expected| for each element of two
+    arrays.
+    """
     scale = np.abs(expected).max()
     np.testing.assert_allclose(actual, expected, rtol=0, atol=relative * scale)
 
@@ -44,6 +46,13 @@ def assert_close(actual, expected, relative):
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("shape", [(8, 6), (7, 5), (12, 1), (2, 2)])
 def test_it_inverts_the_assembled_stiffness(shape, sliding):
+    """The layered solver finds a random displacement again from the forces that cause
+    it.
+
+    The forces come from the element kernel and from the assembled sparse stiffness,
+    which agree to 1e-12. `shape` is the number of nodes along x and y; `sliding` holds
+    only the normal displacement of the base.
+    """
     law = j2_law(1.7, 0.3, math.inf)
     block = PeriodicBlock(shape, (0.1, 0.13), graded_layers(0.6, 0.1, 5), sliding)
     bricks = flat_elements(block)
@@ -71,7 +80,11 @@ def test_it_inverts_the_assembled_stiffness(shape, sliding):
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.45])
 def test_every_waves_compliance_converges_to_the_closed_form(poisson_ratio, sliding):
-    """A layer of depth 1/2 and equal layers: second order in the points a wave."""
+    """The compliance of a layer of depth 1/2 converges with second order for each wave.
+
+    The layers are equal, and the waves have 1, 2 and 4 periods on the unit length.
+    Uniform compression is exact.
+    """
     law = j2_law(1.0, poisson_ratio, math.inf)
     grids = [32, 64, 128]
     waves = np.array([1, 2, 4])
@@ -98,8 +111,9 @@ def test_every_waves_compliance_converges_to_the_closed_form(poisson_ratio, slid
 def assert_contact_conditions(compliance, heights, load, cap):
     """Solve the contact of a rigid flat, and check forces and gaps at every node.
 
-    compliance: of each mode, in m/N; heights: (n,) or (n, n) in m; load: sum of the
-    forces in N; cap: the largest force of a node.
+    `compliance` is that of each mode in m/N; `heights`, (n,) or (n, n), are in m;
+    `load`, in N, is the sum of the forces; `cap` is the largest force of a node in N.
+    Gaps are judged to 1e-9 of the rms height, and forces to 1e-12 of the load.
     """
     contact = rigid_contact(compliance, heights, load=load, cap=cap)
     forces = contact.forces
@@ -119,7 +133,12 @@ def assert_contact_conditions(compliance, heights, load, cap):
 @pytest.mark.parametrize("fraction", [1e-4, 0.02, 0.3, 0.9, 0.99])
 @pytest.mark.parametrize("hardness", [math.inf, 1.0, 0.05])
 def test_the_solution_meets_every_condition(highest, fraction, hardness):
-    """From one asperity to nearly all nodes at the cap, or nearly all in contact."""
+    """Forces and gaps meet the contact conditions from one asperity to full contact.
+
+    `highest` is the largest wave number of the surface; `fraction` is the mean pressure
+    over the hardness or, without a hardness, over 0.3 E. With `hardness` (in units of
+    E) 0.05 nearly all nodes reach the cap.
+    """
     block = PeriodicBlock((32, 32), (1 / 32, 1 / 32), graded_layers(0.9, 1 / 32))
     law = j2_law(1.0, 0.3, math.inf)
     factor = factorise(block, flat_elements(block), law)
@@ -137,6 +156,11 @@ def test_the_solution_meets_every_condition(highest, fraction, hardness):
 def test_lines_where_full_steps_cycle_or_whole_nodes_carry_the_load(
     nodes, hardness, seed, fraction
 ):
+    """Profiles on which the active-set method once cycled meet the contact conditions.
+
+    `hardness` is in units of E* xi, and `fraction` is the mean pressure over the
+    hardness. In the last row a whole number of nodes at the hardness carries the load.
+    """
     scene = rough_scene(
         nodes,
         nodes // 8,
@@ -156,9 +180,10 @@ def test_lines_where_full_steps_cycle_or_whole_nodes_carry_the_load(
 
 
 def flowing_body(*, dimensions=2, **options):
-    """Return a problem, its converged state, and a tangent correction.
+    """Return a problem, its converged state, and the plastic correction of its tangent.
 
-    The tangent is that at a displacement which is a fifth larger.
+    The correction is that at a displacement a fifth larger than the converged one, with
+    some flowing elements. `options` are fields of `FemOptions`.
     """
     scene = rough_scene(12, 2, dimensions=dimensions, pressure=0.1)
     path = solve_path(scene, certified=False, **options)
@@ -174,6 +199,9 @@ def flowing_body(*, dimensions=2, **options):
 
 
 def tangent_matrix(problem, correction, scale):
+    """Return the assembled sparse tangent, with `scale` times the plastic
+    correction.
+    """
     tangents = element_tangents(problem.bricks, problem.stiffness, correction, scale)
     return assemble(problem.bricks, tangents)
 
@@ -184,7 +212,12 @@ def tangent_matrix(problem, correction, scale):
     ids=["line", "surface", "shallow"],
 )
 def test_the_rows_are_the_assembled_tangents(body):
-    """A node of a line is its own neighbour; a shallow block flows to its base."""
+    """The product of a sweep equals the assembled tangent times the sweep's
+    displacement.
+
+    The sweep moves flowing nodes, but neither the base nor the contact. On a line a
+    node is its own neighbour, and in a shallow block elements flow down to the base.
+    """
     problem, state, correction = flowing_body(**body)
     K = tangent_matrix(problem, correction, 0.9)
     contact = state.states == ELASTIC
@@ -204,6 +237,11 @@ def test_the_rows_are_the_assembled_tangents(body):
 
 
 def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
+    """With smoothing sweeps CG takes at most 0.6 of its iterations without them.
+
+    Both solutions are those of scipy's direct sparse solver to 1e-5 of the largest
+    value.
+    """
     problem, state, correction = flowing_body()
     free = np.ones(problem.block.field_shape, dtype=bool)
     free[-1] = False
@@ -236,9 +274,14 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
 
 
 def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
-    """Threads do not change a bit, even if each gets little work."""
+    """One and three threads give the same pressures to the bit, within bounds of
+    iterations.
+
+    The bounds are 10 Newton steps an increment, and 20 CG iterations a Newton step.
+    """
 
     def small_workers(threads):
+        """Return `Workers` that use threads even for a single element."""
         return Workers(threads, min_elements=1)
 
     monkeypatch.setattr(driver, "Workers", small_workers)
@@ -254,6 +297,9 @@ def test_a_load_path_stays_within_its_iterations_on_any_threads(monkeypatch):
 
 
 def test_newton_is_quadratic_at_the_end_of_a_step():
+    """The last residuals of Newton's method fall by more than 2.5 decades
+    in one step.
+    """
     scene = model_scene(5.0, 0.3, 5, 32)
     history = fem_check.solve(scene, steps=2, tolerance=1e-10).history
     final = [residual for residual in history if residual < 1e-2]
