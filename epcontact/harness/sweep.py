@@ -1,9 +1,11 @@
-"""Sweeps: a case at many points, one task a point and surface, kept in a folder.
+"""Sweeps: one case solved for many values of its keys, with the results in a folder.
 
-The folder is `<output>/<case>/<size>`.  `sweep.json` lists the tasks with the keys of
-their results, and `members/<method>-<point>-<surface>.json` holds each result from the
-moment that it is solved, so a sweep that is stopped goes on where it was.  A point is
-named by its values: a sweep that gains or loses points keeps the results of the others.
+A point of a sweep is one choice of these values.  There is one task for each point,
+method and surface.  The folder is `<output>/<case>/<size>`.  `sweep.json` lists the
+tasks with the keys of their results, and `members/<method>-<point>-<surface>.json`
+holds each result as soon as it is solved, so that an interrupted sweep resumes where it
+stopped.  The file name of a point is a hash of its values: if points are added to a
+sweep or removed, the results of the others stay valid.
 """
 
 from __future__ import annotations
@@ -43,8 +45,13 @@ COSTS = ("cost.seconds", "cost.peak_memory_bytes")
 
 
 class Sweep(NamedTuple):
-    """The tasks of a sweep, the point of each, and what is measured beside what methods
-    report.
+    """The tasks of a sweep.
+
+    Attributes:
+        tasks: one for each point, method and surface.
+        points: the point of each task, in the same order.
+        quantities: the names of the quantities that the table [sweep] asks for; None:
+            it asks for those of `epcontact run`.
     """
 
     tasks: list[Task]
@@ -54,22 +61,30 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True)
 class Swept:
-    """A sweep that was run to its end."""
+    """A sweep that was run to its end.
+
+    Attributes:
+        folder: the folder with its files.
+        table: see the function `table`.
+        failures: for each task without a result, by the task's name in files, the
+            sentence that says why.
+        reused: the number of tasks whose saved result was used again.
+        loads: for each point and method in words, the rows of `load_rows` and the
+            number of surfaces as text.
+        quantities: the names of the quantities that the table [sweep] asks for.
+        notes: the notes of surfaces and solves, each with the number of tasks that
+            have it.
+        fields: the written files of fields, each with its point and method in words.
+    """
 
     folder: Path
     table: pd.DataFrame
-    failures: Mapping[
-        str, str
-    ]  # the sentence of each task without a result, by its name in files
-    reused: int  # the number of tasks whose kept result was used again
-    #: For each point and method in words its rows, see `load_rows`, and the number of
-    #: surfaces.
+    failures: Mapping[str, str]
+    reused: int
     loads: Mapping[str, tuple[list[dict[str, Any]], str]]
-    quantities: Sequence[str]  # measured beside what the methods report
-    notes: Mapping[
-        str, int
-    ]  # of surfaces and solves, with the number of tasks that told them
-    fields: Mapping[Path, str]  # the files of fields, and what they show in words
+    quantities: Sequence[str]
+    notes: Mapping[str, int]
+    fields: Mapping[Path, str]
 
 
 def read_sweep(
@@ -78,70 +93,120 @@ def read_sweep(
     run: Run | None = None,
     among: str = "",
 ) -> Sweep:
-    """Return the tasks of the table [sweep] of a case; every point is checked.  Those
-    whose words contain `among` keep the fields that the run asks for.
+    """Return the tasks of the table [sweep] of a case.
+
+    Args:
+        case: a name, a path or a case from `find_case`.
+        size: one of the sizes of the case.
+        run: how the tasks are solved; None: as `Run()`.
+        among: the fields that the run asks for are written only for tasks whose
+            description contains this text, such as "hardness 3e+09".
+
+    Raises:
+        InvalidCase: if the case has no table [sweep], if the case at one of the points
+            is wrong or cannot run here, or if the sweep has too many tasks.
     """
     text = case if isinstance(case, CaseText) else find_case(case)
-    swept = load_case(text, size).sweep
-    if swept is None:
-        told = "has no table [sweep], such as load.mean_pressure = [1e8, 2e8]"
-        raise InvalidCase(f"{text.where}: {told}")
-    sweep = Sweep([], [], swept.quantities)
-    for point in swept.points():
-        seeds = {} if swept.seeds is None else {"surface.seeds": swept.seeds}
-        there = case_at(text, {**point, **seeds}, size)
-        found = [*_tasks_at(point, there, swept.quantities, run or Run(), among)]
-        sweep.tasks.extend(found)
-        sweep.points.extend([point] * len(found))
+    sweep_table = load_case(text, size).sweep
+    if sweep_table is None:
+        raise InvalidCase(
+            f"{text.where}: has no table [sweep], such as load.mean_pressure = "
+            "[1e8, 2e8]"
+        )
+    seeds: dict[str, Any] = {}
+    if sweep_table.seeds is not None:
+        seeds["surface.seeds"] = sweep_table.seeds
+    sweep = Sweep([], [], sweep_table.quantities)
+    for point in sweep_table.points():
+        case_at_point = case_at(text, {**point, **seeds}, size)
+        tasks = _tasks_at(point, case_at_point, sweep.quantities, run or Run(), among)
+        for task in tasks:
+            sweep.tasks.append(task)
+            sweep.points.append(point)
         if len(sweep.tasks) > MOST_TASKS:
-            told = f"[sweep] {swept.size} points with their surfaces and methods"
-            raise InvalidCase(f"{text.where}: {told} are more than {MOST_TASKS} tasks")
+            raise InvalidCase(
+                f"{text.where}: [sweep] {sweep_table.size} points with their surfaces "
+                f"and methods are more than {MOST_TASKS} tasks"
+            )
     return sweep
 
 
 def _tasks_at(
-    point: Point, case: Case, asked: Sequence[str] | None, run: Run, among: str
+    point: Point, case: Case, requested: Sequence[str] | None, run: Run, among: str
 ) -> Iterator[Task]:
+    """Yield the tasks at one point of a sweep: each method on each surface.
+
+    Args:
+        point: the values of the swept keys.
+        case: the case with these values.
+        requested: the names of the quantities that the sweep asks for; None: those of a
+            table of loads.
+        run: how the tasks are solved.
+        among: files of fields are written only for tasks whose description contains
+            this text.
+
+    Raises:
+        InvalidCase: if the case cannot run here, or if none of its methods has one of
+            the requested quantities.
+    """
     if case.skip:
         raise InvalidCase(f"{case.path}: {case.skip}")
-    quantities = asked or ()
+    quantities = requested or ()
     for quantity in quantities:
-        if not any(_answers(METHODS[method], quantity) for method in case.methods):
-            known = "" if quantity in QUANTITIES else nearest(quantity, QUANTITIES)
-            told = f"[sweep] no method of the case answers {quantity!r}{known}"
-            raise InvalidCase(f"{case.path}: {told}")
-    name = hashlib.sha256(json.dumps(point, sort_keys=True).encode()).hexdigest()[:10]
-    values = describe_point(point)
-    for task in tasks_of(case, replace(run, rows=asked is None)):
-        named = replace(
+        if not any(_has_quantity(METHODS[name], quantity) for name in case.methods):
+            hint = "" if quantity in QUANTITIES else nearest(quantity, QUANTITIES)
+            raise InvalidCase(
+                f"{case.path}: [sweep] no method of the case answers {quantity!r}{hint}"
+            )
+    values = json.dumps(point, sort_keys=True).encode()
+    file_name = hashlib.sha256(values).hexdigest()[:10]
+    for task in tasks_of(case, replace(run, rows=requested is None)):
+        description = f"{describe_point(point)}, {task.label}"
+        at_point = replace(
             task,
-            label=f"{name}-{task.label}",
-            description=f"{values}, {task.label}".removesuffix(", single"),
-            extra_quantities=tuple(q for q in quantities if _answers(task.method, q)),
+            label=f"{file_name}-{task.label}",
+            description=description.removesuffix(", single"),
+            extra_quantities=tuple(
+                name for name in quantities if _has_quantity(task.method, name)
+            ),
+            fields_file=None,
+            steps_folder=None,
         )
-        chosen = among in named.description
-        fields = named.fields_path(run.folder) if chosen and task.fields_file else None
-        steps = named.steps_path(run.folder) if chosen and task.steps_folder else None
-        yield replace(named, fields_file=fields, steps_folder=steps)
+        if among in at_point.description and task.fields_file:
+            fields_file = at_point.fields_path(run.folder)
+            at_point = replace(at_point, fields_file=fields_file)
+        if among in at_point.description and task.steps_folder:
+            steps_folder = at_point.steps_path(run.folder)
+            at_point = replace(at_point, steps_folder=steps_folder)
+        yield at_point
 
 
 def describe_point(point: Point) -> str:
-    """Return a point for a reader, such as "hardness 3e+09, mean_pressure 2e+08"."""
-    values = (f"{key.partition('.')[2]} {in_words(v)}" for key, v in point.items())
+    """Return the values of a point as text: "hardness 3e+09, mean_pressure 2e+08" for
+    the keys "material.hardness" and "load.mean_pressure".
+    """
+    values = []
+    for key, value in point.items():
+        name = key.partition(".")[2]
+        values.append(f"{name} {in_words(value)}")
     return ", ".join(values)
 
 
 def in_words(value: Scalar) -> str:
-    """Return a value of a point for a reader: numbers in six digits."""
+    """Return one value of a swept key as text; a float has six significant digits."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _answers(method: Method, name: str) -> bool:
-    """Return whether there is such a quantity, and a method has what it needs."""
-    has = {"fields": method.has_fields, "J2 flow": method.has_model_measures}
-    return name in QUANTITIES and all(
-        has.get(need, True) for need in QUANTITIES[name].needs
-    )
+def _has_quantity(method: Method, name: str) -> bool:
+    """Return whether a quantity of this name exists and the method has the fields, or
+    the J2 flow, that the quantity needs.
+    """
+    if name not in QUANTITIES:
+        return False
+    needs = QUANTITIES[name].needs
+    if "fields" in needs and not method.has_fields:
+        return False
+    return method.has_model_measures or "J2 flow" not in needs
 
 
 def run_sweep(
@@ -152,15 +217,17 @@ def run_sweep(
     among: str = "",
     **options: Any,
 ) -> Swept:
-    """Solve the sweep of a case, but for what is kept of an earlier run; write
-    `sweep.csv`.
+    """Solve the sweep of a case and write `sweep.csv`.
+
+    Tasks whose results an earlier run has saved are not solved again.
 
     Args:
         case: a name, a path or a case from `find_case`.
-        run: how it is solved, see `Run`, whose attributes are keywords, too.
-        size: one of its sizes.
-        among: fields are kept where a point in words contains this, such as "hardness
-            3e+09".
+        run: how it is solved, see `Run`.
+        size: one of the sizes of the case.
+        among: fields are written only for tasks whose description contains this text,
+            such as "hardness 3e+09".
+        options: attributes of `Run` that replace those of `run`, such as `jobs`.
 
     Raises:
         InvalidCase: if the case has no sweep, or one that cannot be solved.
@@ -201,8 +268,16 @@ def run_sweep(
 
 
 def _list_of_tasks(sweep: Sweep, size: str, run: Run, folder: Path) -> dict[str, Any]:
-    """Return the content of sweep.json: for each task its point, method, seed, the file
-    of its result and the key of this result.
+    """Return the content of sweep.json.
+
+    Its rows `tasks` hold, for each task, its point, method and seed, the path of the
+    file of its result, and the key by which `saved` finds that result.
+
+    Args:
+        sweep: the sweep, with one task at least.
+        size: the size of its case.
+        run: names the output folder.
+        folder: the folder of the sweep, to which the paths are relative.
     """
     rows = []
     for task, point in zip(sweep.tasks, sweep.points, strict=True):
@@ -225,7 +300,16 @@ def _list_of_tasks(sweep: Sweep, size: str, run: Run, folder: Path) -> dict[str,
 def _loads(
     sweep: Sweep, finished: Mapping[Task, FinishedTask]
 ) -> dict[str, tuple[list[dict[str, Any]], str]]:
-    """Return the rows of loads of each point and method, and the number of surfaces."""
+    """Return a table of loads for each point and method of a sweep.
+
+    Args:
+        sweep: the sweep.
+        finished: each of its tasks with its outcome; a task that failed is left out.
+
+    Returns:
+        By the point and method in words, the rows of `load_rows`, which are means over
+        the surfaces, and the number of surfaces as text.
+    """
     results: dict[str, list[ContactResult]] = {}
     for task, point in zip(sweep.tasks, sweep.points, strict=True):
         outcome = finished[task].outcome
@@ -257,26 +341,33 @@ def table(folder: str | Path) -> pd.DataFrame:
     """
     rows = []
     for task, result in members(folder):
-        about = {
-            "method": task["method"],
-            "seed": task["seed"],
-            "solved": result is not None,
-        }
-        for number, step in enumerate(result.steps if result else [None]):
-            found = (
-                scalar_quantities(replace(result, steps=(step,)))
-                if result and step
-                else {}
-            )
-            rows.append(task["point"] | about | {"load": number} | found)
+        row = dict(task["point"])
+        row["method"] = task["method"]
+        row["seed"] = task["seed"]
+        row["solved"] = result is not None
+        if result is None:
+            rows.append(row | {"load": 0})
+            continue
+        for number, step in enumerate(result.steps):
+            quantities = scalar_quantities(replace(result, steps=(step,)))
+            rows.append(row | {"load": number} | quantities)
     return pd.DataFrame(rows).dropna(axis="columns", how="all")
 
 
 def members(
     folder: str | Path,
 ) -> Iterator[tuple[dict[str, Any], ContactResult | None]]:
-    """Yield each task of a sweep's list with its result, or None.  Raises OutputError
-    if there is no sweep in the folder.
+    """Yield each task of a sweep with its result.
+
+    Args:
+        folder: `<output>/<case>/<size>`.
+
+    Yields:
+        The row of the task in sweep.json, with the keys point, method, seed, file and
+        key; and its result, or None if it is not solved yet or its file was changed.
+
+    Raises:
+        OutputError: if the folder has no sweep.json, or one of another format.
     """
     path = Path(folder) / _LIST
     try:
@@ -285,21 +376,25 @@ def members(
             raise ValueError(data["schema"])
         for task in data["tasks"]:
             member = read_saved(path_inside(folder, task["file"]))
-            solved = member.get("key") == task["key"]
-            yield task, ContactResult.from_json(member) if solved else None
+            result = None
+            if member.get("key") == task["key"]:
+                result = ContactResult.from_json(member)
+            yield task, result
     except (ValueError, KeyError, TypeError):
         raise OutputError(
             f"{path} is no list of a sweep; run `epcontact sweep` again"
         ) from None
 
 
-def digest(found: pd.DataFrame) -> str:
-    """Return the SHA-256 of a table without its `COSTS`.
+def digest(results: pd.DataFrame) -> str:
+    """Return the SHA-256 of a table of a sweep without the columns `COSTS`.
+
+    Two runs of the same sweep have the same digest, though their times differ.
 
     Example:
         >>> one = pd.DataFrame({"area.total.raw": [0.1], "cost.seconds": [2.0]})
         >>> digest(one) == digest(one.assign(**{"cost.seconds": 3.0}))
         True
     """
-    kept = found.drop(columns=list(COSTS), errors="ignore")
-    return hashlib.sha256(kept.to_csv(index=False).encode()).hexdigest()
+    repeatable = results.drop(columns=list(COSTS), errors="ignore")
+    return hashlib.sha256(repeatable.to_csv(index=False).encode()).hexdigest()

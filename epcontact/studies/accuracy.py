@@ -45,7 +45,8 @@ QUANTITIES = {
     "distribution": "P(σ) distance",
 }
 _DISTANCE = QUANTITIES["distribution"]
-_METHODS = {"persson": "theory", "bem": "BEM", "fem": "FE", "calculix": "CalculiX"}
+#: The abbreviation of each method, such as "BEM" for "bem".
+_METHODS = {name: method.abbreviation or name for name, method in METHODS.items()}
 #: Differences of areas are over the reference, or over this fraction of the nominal
 #: area if the reference is smaller.
 SMALLEST_AREA = 1e-3

@@ -1,6 +1,4 @@
-"""The papers behind methods, closed forms and gates, and the software, that a result
-rests on.
-"""
+"""The publications and the software on which a case's results depend."""
 
 from __future__ import annotations
 
@@ -19,7 +17,15 @@ _DATA = tomllib.loads((files(__package__) / "papers.toml").read_text("utf-8"))
 
 @dataclass(frozen=True, eq=False)
 class Paper:
-    """A published work; `papers.toml` says what its entries mean."""
+    """A published work, from a table [[paper]] of `papers.toml`.
+
+    Attributes:
+        text: authors, title, journal and year.
+        doi: its DOI, such as "10.1063/1.1388626"; empty: it has none.
+        methods: the names of the methods that are based on it.
+        mentions: words.  A case whose sources or options contain one of them uses the
+            work.
+    """
 
     text: str
     doi: str = ""
@@ -27,48 +33,55 @@ class Paper:
     mentions: Sequence[str] = ()
 
     def __str__(self) -> str:
-        return f"{self.text} {_RESOLVER}{self.doi}" if self.doi else self.text
+        """Return the text, followed by the web address of the DOI if there is one."""
+        return self.text + _doi_address(self.doi)
 
 
+def _doi_address(doi: str) -> str:
+    """Return the web address of a DOI after a blank; "" if the DOI is empty."""
+    return f" {_RESOLVER}{doi}" if doi else ""
+
+
+#: All publications of `papers.toml`, in its order.
 PAPERS = [Paper(**paper) for paper in _DATA["paper"]]
 
 
 def sources_of(case: Case) -> list[str]:
-    """Return the sources that a case, its gates and their closed forms name, each
-    once.
+    """Return the texts of the key `source` of a case and its gates, and the sources of
+    the closed forms that its gates name; each text once.
     """
-    forms = [
-        CLOSED_FORMS[str(g.against)]
-        for g in case.gates
-        if str(g.against) in CLOSED_FORMS
-    ]
-    named = [
-        case.head.source,
-        *(g.source for g in case.gates),
-        *(form.source for form in forms),
-    ]
-    return list(dict.fromkeys(source for source in named if source))
+    sources = [case.head.source]
+    sources += [gate.source for gate in case.gates]
+    for gate in case.gates:
+        form = CLOSED_FORMS.get(str(gate.against))
+        if form is not None:
+            sources.append(form.source)
+    return list(dict.fromkeys(source for source in sources if source))
 
 
 def papers_of(case: Case) -> list[Paper]:
-    """Return the papers of a case's methods, and those that its sources or options
-    mention.
+    """Return the publications on which a case depends, in the order of `PAPERS`.
+
+    These are the ones of its methods, and those whose words (`Paper.mentions`) are in
+    its sources or in the values of its options.
     """
-    values = [
-        str(value) for options in case.options.values() for value in options.values()
-    ]
-    text = "\n".join([*sources_of(case), *values])
-    return [
-        paper
-        for paper in PAPERS
-        if set(paper.methods) & set(case.methods)
-        or any(words in text for words in paper.mentions)
-    ]
+    texts = sources_of(case)
+    for options in case.options.values():
+        texts += [str(value) for value in options.values()]
+    text = "\n".join(texts)
+    papers = []
+    for paper in PAPERS:
+        of_method = not set(paper.methods).isdisjoint(case.methods)
+        if of_method or any(words in text for words in paper.mentions):
+            papers.append(paper)
+    return papers
 
 
 def citation(case: Case) -> Iterator[str]:
-    """Yield the lines that tell what a case's results rest on: sources, papers and
-    software.
+    """Yield the lines that `epcontact cite` prints for a case.
+
+    The lines list the requirement, the sources that the case names, the publications of
+    its methods, and the installed versions of the software.
     """
     yield f"{case.id}: {case.head.requirement}"
     yield "\nSources that the case names:"
@@ -79,5 +92,5 @@ def citation(case: Case) -> Iterator[str]:
         "\nSoftware, as installed here (a result's own versions are in its JSON file):"
     )
     for name, version in package_versions().items():
-        doi = _DATA["software"].get(name)
-        yield f"  {name} {version}" + (f" {_RESOLVER}{doi}" if doi else "")
+        doi = _DATA["software"].get(name, "")
+        yield f"  {name} {version}{_doi_address(doi)}"

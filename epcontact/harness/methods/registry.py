@@ -1,9 +1,9 @@
-"""The registry of methods: every way to answer a scene, by the name that cases and
+"""The registry of methods: every way to solve a scene, by the name that cases and
 gates use.
 
-`METHODS` is the only list of the methods.  An entry holds a function that answers a
-scene and what the rest of the package needs to know about it.  Entries come from three
-sources:
+`METHODS` is the only list of the methods.  An entry holds a function that solves a
+scene, and the properties of the method that the rest of the package uses.  Entries
+come from three sources:
 
     the package's own   persson, bem and fem, below
     other codes         contact_mechanics and tamaas, with the extra `peers`;
@@ -56,19 +56,25 @@ class Solve(Protocol):
         """Return the result at each load of the scene's path.
 
         Args:
-            scene: the scene.
-            options: the keys of the method's table in a case file; for `Method`s with
-                `load_files` also `progress`, a function that is called with the
-                fraction that is done and a sentence, and for "bodies" `output`, a
-                folder; with a `source` also `limit`, the seconds after which the
-                process of the solver is ended.
+            scene: surface, material, body and load path.
+            options: the keys of the method's table in a case file.  A method with
+                `load_files` also gets `progress`, a function that is called with the
+                solved fraction of the path and a sentence.  With `load_files="bodies"`
+                it also gets `output`, a folder.  A method with a `source` also gets
+                `limit`, the seconds after which the process of the solver is ended.
             threads: the number of threads; None: all cores.
-            on_load: called after each load whose fields the method knows, with the
+            on_load: called after each load at which the method has fields, with the
                 result up to this load.  `cost["seconds"]` does not count its time.
+
+        Raises:
+            InvalidCase, InvalidScene: if the method cannot solve such a scene.
+            NotConverged, NotEnoughMemory: if the solve fails.
         """
         ...
 
 
+#: Returns the bytes that a solve needs beside its process and libraries, from the
+#: recipe of the surface, the material, the body, the load and the method's options.
 MemoryEstimate = Callable[[Recipe, Material, Body, Load, Mapping[str, Any]], float]
 
 
@@ -119,19 +125,22 @@ class FemTable(Table):
 
     @model_validator(mode="after")
     def _steps_of_j2_alone(self) -> FemTable:
+        """Return the table [fem] itself; raise ValueError if it has `steps`, the number
+        of load increments, for another law than J2 flow, which alone uses increments.
+        """
         if "steps" in self.model_fields_set and self.law != "j2":
             raise ValueError(f"steps has no effect on law {self.law!r}; leave it out")
         return self
 
 
 # --- the memory of a solve
-# ----------------------------------------------------------------------
 
-_PROCESS = 2**28  # bytes of a process with its libraries
-_SMALL, _MOST = (
-    2**14,
-    2**15,
-)  # below so many points a solve takes at most so many bytes a point
+#: Bytes of a process with its libraries, measured: 256 MiB.
+_PROCESS_BYTES = 2**28
+#: Below this number of points, a bound replaces the estimate of the memory.
+_SMALL_GRID = 2**14
+#: Largest number of bytes per point that any method needs on such a small grid.
+_BYTES_PER_POINT_OF_SMALL_GRID = 2**15
 
 
 def bytes_of_task(
@@ -140,18 +149,28 @@ def bytes_of_task(
     scene: tuple[Material, Body, Load],
     options: Mapping[str, Any],
 ) -> float:
-    """Return the bytes of a process that solves a scene; a rough bound for small grids.
-    How many solves a machine makes side by side, and which solves a worker of a cluster
-    is not asked to do, follows from it before a surface is made.
+    """Return the estimated bytes of a process that solves a scene.
+
+    The harness decides by this estimate, before it makes a surface, how many solves a
+    machine does at the same time, and which solves are too large for a worker of a
+    cluster.  For a grid of less than 2^14 points the return value is a rough upper
+    bound.
+
+    Args:
+        estimate: the `memory` of the method.
+        recipe: describes the surface; its shape is the grid.
+        scene: the material, the body and the load path.
+        options: the options of the method, by their keys.
     """
     points = math.prod(recipe.shape)
-    needed = _MOST * points if points < _SMALL else estimate(recipe, *scene, options)
-    return _PROCESS + needed
+    if points < _SMALL_GRID:
+        return _PROCESS_BYTES + _BYTES_PER_POINT_OF_SMALL_GRID * points
+    return _PROCESS_BYTES + estimate(recipe, *scene, options)
 
 
 def _surface_bytes(recipe: Recipe, *_: Any) -> float:
     """Estimate the bytes of a method that needs little more than the heights and their
-    modes.
+    Fourier modes: 32 bytes per grid point of the recipe, whatever the other arguments.
     """
     return 32.0 * math.prod(recipe.shape)
 
@@ -159,12 +178,16 @@ def _surface_bytes(recipe: Recipe, *_: Any) -> float:
 def _grid_bytes(
     recipe: Recipe, material: Material, _: Body, load: Load, *__: Any
 ) -> float:
-    """Estimate the bytes of the boundary elements, heights included."""
-    stiffness = effective_modulus(material) * _slope(recipe)
+    """Estimate the bytes of a solve by boundary elements, heights included.
+
+    The estimate depends on the grid of the recipe, on the hardness and E* of the
+    material, on the rms slope and on the last nonzero mean pressure.
+    """
+    stiffness = effective_modulus(material) * _rms_slope(recipe)
     pressure = load.final or max(load.path)
-    return (8 + bytes_per_point(pressure, material.hardness, stiffness)) * math.prod(
-        recipe.shape
-    )
+    bytes_of_heights = 8
+    solver_bytes = bytes_per_point(pressure, material.hardness, stiffness)
+    return (bytes_of_heights + solver_bytes) * math.prod(recipe.shape)
 
 
 def _block_bytes(
@@ -174,20 +197,26 @@ def _block_bytes(
     load: Load,
     options: Mapping[str, Any],
 ) -> float:
-    """Estimate the bytes of the finite elements."""
+    """Estimate the bytes of a solve by finite elements, on the mesh below the grid of
+    the recipe that the options ask for.
+
+    Raises what `FemOptions` and the mesh raise for options that do not fit the scene.
+    """
     from fem_check.mesh import block_for, bytes_needed  # loads solvers
 
     flat = Scene(Surface(np.zeros(recipe.shape), recipe.periods), material, load, body)
     given = FemOptions(**options)
-    return bytes_needed(flat, given, block_for(flat, given), _slope(recipe))
+    return bytes_needed(flat, given, block_for(flat, given), _rms_slope(recipe))
 
 
-def _slope(recipe: Recipe) -> float:
+def _rms_slope(recipe: Recipe) -> float:
+    """Return the rms slope of a self-affine surface, dimensionless; 0.0 for any other
+    surface, because only its heights would tell.
+    """
     return recipe.spectrum.rms_slope if isinstance(recipe, SelfAffine) else 0.0
 
 
 # --- methods
-# -------------------------------------------------------------------------------------
 
 
 def _nothing() -> None:
@@ -196,7 +225,7 @@ def _nothing() -> None:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to answer a scene.
+    """One way to solve a scene.
 
     Attributes:
         name: its name in cases, files and commands.
@@ -205,16 +234,22 @@ class Method:
         table: name of the case file's table that holds its options; empty: it has none.
         has_fields: whether the result has fields on the grid of the surface.
         has_model_measures: whether gates can ask how the J2 flow of the method differs
-            from a cap.
-        load_files: of a method that follows a path of loads, unloading included: who
-            writes the files of each load.  "fields": the harness; "bodies": the method
-            itself, into the folder of its option `output`; "": it follows no path.
+            from a pressure cap.
+        load_files: says who writes the files of each load of a path.  "fields": the
+            harness; "bodies": the method itself, into the folder of its option
+            `output`; "": nobody, because the method does not follow a path.  Two
+            properties follow from it: `plannable` and `follows_unloading` are true for
+            every method with "fields" or "bodies".
         memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that
             takes no time.
         requires: a module of the extra `peers` that the method needs.
         program: a program on the PATH that the method needs.
         source: `module:function` or command of a solver from outside the package.
+        title: its name in words in the tables of a report, such as "boundary
+            elements"; empty: its `name`.
+        abbreviation: its name in the tables of `epcontact accuracy`, such as "BEM";
+            empty: its `name`.
     """
 
     name: str
@@ -229,36 +264,54 @@ class Method:
     requires: str = ""
     program: str = ""
     source: str = ""
+    title: str = ""
+    abbreviation: str = ""
+
+    @property
+    def full_name(self) -> str:
+        """The method's name in words, such as "boundary elements" for "bem"."""
+        return self.title or self.name
 
     @property
     def plannable(self) -> bool:
-        """Whether it is one of the package's own methods on grids, whose grid a plan
-        can choose.
+        """Whether `epcontact plan` can choose the grid of the method.
+
+        This is so for the package's own methods on grids, and only these have
+        `load_files`.
         """
         return bool(self.load_files)
 
     @property
     def follows_unloading(self) -> bool:
-        """Whether the mean pressures of a path may fall."""
+        """Whether the method can solve a path whose mean pressures fall.
+
+        Only a method that follows a path load by load can; these have `load_files`.
+        """
         return bool(self.load_files)
 
     @property
     def knows_one_load(self) -> bool:
-        """Whether it has the fields of one load alone, so that it is asked for each
-        load of a path (see `load_by_load`).
+        """Whether the method's function solves a single load.
+
+        The harness then calls it once for each load of a path (see `load_by_load`).
         """
         return bool(self.source or self.requires)
 
     @property
     def foreign(self) -> bool:
-        """True if its code is not the package's: no kept result is used, as it may have
-        changed.
+        """Whether the method's code is not part of the package.
+
+        No saved result of such a method is used again, as its code may have changed.
         """
         return bool(self.source or self.requires or self.program)
 
     @property
     def missing(self) -> str:
-        """The sentence that says why the method cannot run here; empty if it can."""
+        """The sentence that says why the method cannot run here; empty if it can.
+
+        A method cannot run if its program is not on the PATH, or if the module that it
+        requires is not installed.
+        """
         if self.program and not shutil.which(self.program):
             return f"there is no program {self.program}; {_PROGRAMS[self.program]}"
         if not self.requires or importlib.util.find_spec(self.requires):
@@ -274,13 +327,15 @@ class Method:
 
 
 class _Timed:
-    """Calls `on_load` and counts the seconds that it takes."""
+    """Calls a function `on_load` and adds up the `seconds` that its calls take."""
 
     def __init__(self, on_load: OnLoad) -> None:
+        """Wrap a function that is called after each load with the result so far."""
         self.on_load = on_load
         self.seconds = 0.0
 
     def __call__(self, result: ContactResult) -> None:
+        """Call the wrapped function with a result; add its time to `self.seconds`."""
         started = time.perf_counter()
         self.on_load(result)
         self.seconds += time.perf_counter() - started
@@ -292,6 +347,11 @@ def _persson(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
+    """Solve a scene by Persson's theory; see `Solve`.
+
+    `options` are the keywords of `persson.solve`.  `threads` has no effect, and
+    `on_load` is never called, because the theory has no fields.
+    """
     from epcontact import persson
 
     return persson.solve(scene, **options)
@@ -303,6 +363,11 @@ def _bem(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
+    """Solve a scene by boundary elements; see `Solve`.
+
+    `options` are the keywords of `bem.solve`.  The time of `on_load` is subtracted from
+    the cost "seconds" of the result.
+    """
     if on_load is None:
         return bem.solve(scene, threads=threads, **options)
     timed = _Timed(on_load)
@@ -317,11 +382,17 @@ def _fem(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
+    """Solve a scene by finite elements; see `Solve`.
+
+    `options` are the keywords of `fem_check.driver.solve_path`.  `on_load` is called
+    for each load after the complete path is solved.  The cost "seconds" leaves out the
+    time of compiling kernels.
+    """
     started = time.perf_counter()
     compiled = compile_seconds()
     path = solve_path(scene, threads=threads, **options)
     result = contact_result(path)
-    # Its own time ends before its last kernel may be compiled.
+    # The time that the solve itself reports ends before its last kernel is compiled.
     seconds = time.perf_counter() - started - (compile_seconds() - compiled)
     if on_load is not None:
         for count in range(1, len(path.points) + 1):
@@ -330,13 +401,26 @@ def _fem(
 
 
 def _peer(
-    name: str,
+    function: str,
     scene: Scene,
     options: Mapping[str, Any],
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
-    solve = pkgutil.resolve_name(f"epcontact.peers.{name}")
+    """Solve a scene by another public code, each load of its path alone; see `Solve`.
+
+    Args:
+        function: the adapter of the code, as `module.function` below
+            `epcontact.peers`; it maps a scene to the result at its last load.
+        scene: the scene.
+        options: have no effect.
+        threads: has no effect.
+        on_load: called after each load.
+
+    Raises:
+        NotConverged: if the other code has not converged.
+    """
+    solve = pkgutil.resolve_name(f"epcontact.peers.{function}")
     return solve_load_by_load(lambda scene, _: solve(scene), scene, on_load)
 
 
@@ -346,10 +430,15 @@ def _calculix(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
+    """Solve a scene by the program CalculiX; see `Solve`.
+
+    `options` are those of the finite elements (the table [fem]).  `threads` has no
+    effect.  `on_load` is called once, after the last load, whose fields the result has.
+    """
     from epcontact.peers import calculix
 
     result = calculix.solve(scene, options)
-    if on_load is not None:  # its fields are those of the last load
+    if on_load is not None:
         on_load(result)
     return result
 
@@ -362,16 +451,43 @@ def _foreign(
     threads: int | None,
     on_load: OnLoad | None = None,
 ) -> ContactResult:
+    """Solve a scene by a user's solver in a process of its own; see `Solve`.
+
+    Args:
+        name: the method's name in results.
+        source: `module:function` or a command, see `harness.methods.foreign`.
+        scene: the scene; the solver is called once for each load of its path.
+        options: may have `limit`, the seconds for all loads together.
+        threads: has no effect.
+        on_load: called after each load.
+
+    Raises:
+        InvalidCase: if the process dies or exceeds the limit, or the result is wrong.
+        NotConverged: if the solver says so of its result.
+    """
     end = time.monotonic() + options.get("limit", math.inf)
 
     def solve_last(scene: Scene, lowered: FloatArray | None) -> ContactResult:
+        """Return the checked result at the last load of a scene.
+
+        `lowered`: how far the earlier loads have lowered the surface by flow, in m on
+        the grid; None: by nothing.
+        """
         return foreign.solve(name, source, scene, end - time.monotonic(), lowered)
 
     return solve_load_by_load(solve_last, scene, on_load)
 
 
 def _warm_up(solve: Solve, points: int, **options: Any) -> None:
-    """Solve a scene with points apart, in elastic and in plastic contact."""
+    """Solve a small scene, so that all modules and compiled kernels are loaded.
+
+    The scene has points out of contact, in elastic and in plastic contact.
+
+    Args:
+        solve: the method's function.
+        points: grid points along x and along y.
+        options: the options of the method.
+    """
     x = 2 * np.pi * np.arange(points) / points
     heights = np.add.outer(np.cos(x), np.cos(3 * x))
     heights += np.random.default_rng(1).normal(0.0, 0.1, heights.shape)
@@ -380,12 +496,14 @@ def _warm_up(solve: Solve, points: int, **options: Any) -> None:
 
 
 def _of_user(name: str, source: str) -> Method:
-    """Return the method of a user's function or command, which its first solve
-    loads.
+    """Return the `Method` for a user's solver; nothing is imported before it solves.
+
+    Args:
+        name: its name in cases and results.
+        source: `module:function` or a command.
     """
-    return Method(
-        name, f"the solver {source}", partial(_foreign, name, source), source=source
-    )
+    solve = partial(_foreign, name, source)
+    return Method(name, f"the solver {source}", solve, source=source)
 
 
 _OWN = (
@@ -395,6 +513,8 @@ _OWN = (
         _persson,
         "theory",
         has_fields=False,
+        title="theory",
+        abbreviation="theory",
     ),
     Method(
         "bem",
@@ -404,6 +524,8 @@ _OWN = (
         load_files="fields",
         memory=_grid_bytes,
         load=partial(_warm_up, _bem, 128),
+        title="boundary elements",
+        abbreviation="BEM",
     ),
     Method(
         "fem",
@@ -414,6 +536,8 @@ _OWN = (
         load_files="bodies",
         memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
+        title="finite elements",
+        abbreviation="FE",
     ),
 )
 _PEERS = (
@@ -445,6 +569,7 @@ _CALCULIX = Method(
     has_model_measures=True,
     memory=_block_bytes,
     program="ccx",
+    abbreviation="CalculiX",
 )
 _USERS = tuple(
     _of_user(e.name, e.value) for e in entry_points(group="epcontact.methods")
@@ -463,15 +588,28 @@ REPLACED = "bem"
 
 
 def solver_named(text: str) -> Method:
-    """Return what `--solver` names: a method, [NAME=]MODULE:FUNCTION or
-    [NAME=]COMMAND.
+    """Return the method that the option `--solver` names.
+
+    Args:
+        text: the name of a registered method, `[NAME=]MODULE:FUNCTION`, or
+            `[NAME=]COMMAND` with the placeholders `{scene}` and `{result}`.  Without
+            NAME, the method is called by its FUNCTION, or "command".
+
+    Raises:
+        InvalidCase: if the text has none of these forms, if the name is no word or that
+            of a registered method, or if the function or program does not exist.
     """
     if text in METHODS:
         return METHODS[text]
-    named = re.match(r"([^\s:{=]*)=", text)
-    source = text[named.end() :] if named else text
+    prefix = re.match(r"([^\s:{=]*)=", text)
+    source = text[prefix.end() :] if prefix else text
     command = foreign.is_command(source)
-    name = named[1] if named else "command" if command else source.rpartition(":")[2]
+    if prefix:
+        name = prefix[1]
+    elif command:
+        name = "command"
+    else:
+        name = source.rpartition(":")[2]
     if not command and ":" not in source:
         raise InvalidCase(
             f"--solver is {text!r}, but must be [NAME=]MODULE:FUNCTION, a command "

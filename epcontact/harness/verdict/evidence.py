@@ -1,9 +1,10 @@
 """What a gate verifies, and what its reference is: the rows and the columns of the
 report's matrix.
 
-Both follow from the quantity, the two sides and the load path.  Only a number says
-itself what it is, by `kind`, as it may be anything; without that it counts as a figure
-of this program, or as an exact identity if it is 0.
+Both follow from the quantity, the two sides of the gate and the load path.  Only a gate
+against a number may state the kind of its reference itself, by the key `kind`.  Without
+this key, the number 0 counts as an identity, and any other number counts as a value of
+this program.
 """
 
 from __future__ import annotations
@@ -17,23 +18,26 @@ from epcontact.reference import CLOSED_FORMS
 
 #: The kinds of reference, the last three of which are the work of others.
 KINDS = {
-    "identity": "what must be so whatever the answer is, such as the balance of force",
+    "identity": "a law that holds for any result, such as the balance of force",
     "closed form": "a formula, evaluated here",
-    "method here": (
-        "another method, or another or a finer answer of this program, or a limit"
-    ),
-    "other code": "an answer of a program that others wrote",
-    "published": "a figure or a law that others published",
+    "method here": "another method or a finer result of this program, or a limit",
+    "other code": "the result of a program that others wrote",
+    "published": "a value or a law that others published",
     "experiment": "a measurement",
 }
 OF_OTHERS = ("other code", "published", "experiment")
 
 _MODEL, _AFTER, _INPUTS = "J2 flow – pressure cap", "after the load", "inputs"
-_NAMES = {"persson": "theory", "bem": "boundary elements", "fem": "finite elements"}
-#: What can be verified: inputs, methods, differences of models, and what follows a
-#: falling load.
-SUBJECTS = (_INPUTS, *_NAMES.values(), "theory – boundary elements", _MODEL, _AFTER)
-#: Published measurements that no case holds, and what they lack.
+#: What can be verified: the inputs, the package's own methods, the theory or the J2
+#: model against another model, and the state after the load has fallen.
+SUBJECTS = (
+    _INPUTS,
+    *(method.title for method in METHODS.values() if method.title),
+    "theory – boundary elements",
+    _MODEL,
+    _AFTER,
+)
+#: Kinds of published measurements that no case uses, and the data that they lack.
 EXPERIMENTS = {
     "real contact area": (
         "areas at several loads, with the measured map and hardness of the body"
@@ -45,58 +49,91 @@ EXPERIMENTS = {
         "the spectrum: reports give rms height and slope, not their bandwidth"
     ),
 }
+#: Beginnings of the names of quantities that compare J2 flow with a pressure cap.
 _MODEL_MEASURES = ("quantity.model_", "quantity.effective_")
 
 
 def kind_of(case: Case, gate: Gate) -> str:
-    """Return the kind of a gate's reference, of `KINDS`; a user's solver is judged."""
+    """Return the kind of a gate's reference: one of the keys of `KINDS`.
+
+    Args:
+        case: the case of the gate, which says what names are methods.
+        gate: the gate, whose `against` is a method, a closed form or a number.
+    """
     if gate.against in case.methods:
-        peer = (
-            gate.of in METHODS
-            and METHODS[gate.of].foreign
-            and not METHODS[gate.of].source
-        )
-        return "other code" if peer or _foreign(str(gate.against)) else "method here"
+        # A user's solver is itself under test: its reference is this program.
+        judges_other_code = _is_other_code(gate.of) and not _is_of_user(gate.of)
+        if judges_other_code or _is_other_code(str(gate.against)):
+            return "other code"
+        return "method here"
     if isinstance(gate.against, str):
         return "closed form" if CLOSED_FORMS[gate.against].exact else "published"
+    if gate.kind:
+        return gate.kind
     compares = gate.quantity.startswith((*_MODEL_MEASURES, "quantity.elements_"))
-    return gate.kind or (
-        "identity" if gate.against == 0 and not compares else "method here"
-    )
+    return "identity" if gate.against == 0 and not compares else "method here"
 
 
 def subject_of(case: Case, gate: Gate) -> str:
-    """Return what a gate verifies: one of `SUBJECTS`, or another method or
-    difference.
+    """Return what a gate verifies, in words for a table.
+
+    This is one of `SUBJECTS`; or the name of another method; or two methods with a dash
+    between them, such as "theory – tamaas", if they model the body differently.
+
+    Args:
+        case: the case of the gate, with its methods, options and load path.
+        gate: the gate.
     """
-    if (
-        gate.quantity.startswith("quantity.surface_")
-        or gate.quantity == "field.heights"
-    ):
+    if gate.quantity.startswith(("quantity.surface_", "field.heights")):
         return _INPUTS
     if any(later < earlier for earlier, later in pairwise(case.load.path)):
         return _AFTER
-    sides = [gate.of, str(gate.against)] if gate.against in case.methods else [gate.of]
-    laws = {_law(case, name) for name in sides}
-    if laws == {"j2", "cap"} or gate.quantity.startswith(_MODEL_MEASURES):
+    sides = [gate.of]
+    if gate.against in case.methods:
+        sides.append(str(gate.against))
+    models = {_body_model(case, name) for name in sides}
+    if models == {"j2", "cap"} or gate.quantity.startswith(_MODEL_MEASURES):
         return _MODEL
-    if len(laws) == 1:
+    if len(models) == 1:
         sides = [gate.of]
     sides.sort(key=lambda name: name != "persson")
-    return " – ".join(_NAMES.get(name, name) for name in sides)
+    return " – ".join(_full_name(name) for name in sides)
 
 
-def _foreign(name: str) -> bool:
+def _full_name(name: str) -> str:
+    """Return a method's name in words, such as "boundary elements" for "bem"; the name
+    itself if the method is not registered.
+    """
+    return METHODS[name].full_name if name in METHODS else name
+
+
+def _is_other_code(name: str) -> bool:
+    """Return whether a method, given by its name, is code from outside this package.
+
+    A name that is not registered is that of a solver given by `--solver`.
+    """
     return name not in METHODS or METHODS[name].foreign
 
 
-def _law(case: Case, name: str) -> str:
-    """Return what a method takes the body for; what is elastic in all methods is no
-    difference.
+def _is_of_user(name: str) -> bool:
+    """Return whether a method, given by its name, is a solver that the user added: by
+    `--solver` or as an entry point.
+    """
+    return name not in METHODS or bool(METHODS[name].source)
+
+
+def _body_model(case: Case, name: str) -> str:
+    """Return how a method models the body of a case: "theory", "j2" or "cap".
+
+    Args:
+        case: the case, with the options of its methods.
+        name: the name of the method.
+
+    "cap" is an elastic body with a largest pressure.  A body that is elastic in all
+    methods counts as "cap" too, so that elastic methods do not differ.
     """
     if name == "persson":
         return "theory"
-    flows = name in METHODS and METHODS[name].has_model_measures
-    return (
-        "j2" if flows and case.options.get(name, {}).get("law", "j2") == "j2" else "cap"
-    )
+    can_flow = name in METHODS and METHODS[name].has_model_measures
+    flows = can_flow and case.options.get(name, {}).get("law", "j2") == "j2"
+    return "j2" if flows else "cap"
