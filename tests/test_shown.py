@@ -74,7 +74,12 @@ HARDNESS = 15.0e3
 
 @dataclass
 class Run:
-    """The folder of the commands, what each printed and drew, and the charts."""
+    """The output of several commands on one scene, and what they printed and drew.
+
+    The attributes are `home`, the folder that holds the case file; `charts`, the chart
+    saved under each file name; `texts`, the standard output of each command; and
+    `windows`, see below.
+    """
 
     home: Path
     charts: dict[str, Chart]
@@ -84,21 +89,29 @@ class Run:
 
     @property
     def folder(self):
+        """Return the folder with the results of both methods at the size `fast`."""
         return self.home / "shown" / "fast"
 
     @property
     def surface(self):
+        """Return the rough surface of the case, which has 16 x 24 points."""
         case = load_case(self.home / "shown.toml")
         return case.scene(case.recipes[0]).surface
 
     def last_load(self, method):
-        """Return the fields and the result of a method."""
+        """Return the field file of a method ("bem" or "fem"), which holds the last
+        load, and its `ContactResult`.
+        """
         (member,) = json.loads((self.folder / f"{method}.json").read_text())["members"]
         fields = read_fields(self.folder / f"{method}-seed5.vti")
         return fields, ContactResult.from_json(member)
 
     def texts_drawn(self, command):
-        """Return the titles and the legend's labels of the window of a command."""
+        """Return two lists of the texts in the only 3D window that a command drew: the
+        titles, and the labels of the legends.
+
+        `command` is a key of `windows`, such as "view".
+        """
         (calls,) = self.windows[command]
         titles = [arguments[0] for name, arguments, _ in calls if name == "add_text"]
         legends = [arguments[0] for name, arguments, _ in calls if name == "add_legend"]
@@ -107,6 +120,12 @@ class Run:
 
 @pytest.fixture(scope="session")
 def ran(tmp_path_factory):
+    """Run the six commands once on the oblong rubber block, and return a `Run` with
+    their files, texts, charts and windows.
+
+    `Chart.save` and the plotter are wrapped, so that every chart and every call of a 3D
+    window is recorded while the commands run.
+    """
     home = tmp_path_factory.mktemp("shown")
     case = home / "shown.toml"
     text = SMALL_CASE
@@ -119,10 +138,14 @@ def ran(tmp_path_factory):
     new_plotter = drawing._plotter
 
     def save_and_note(chart, path):
+        """Record a chart under the name of its file, and save it."""
         run.charts[path.name] = chart
         return save(chart, path)
 
     def noting_plotter(size):
+        """Return a new 3D plotter of this window size in pixels, whose calls are
+        recorded in the windows of the current command.
+        """
         plotter = new_plotter(size)
         calls = []
         windows.append(calls)
@@ -155,9 +178,12 @@ def ran(tmp_path_factory):
 
 
 def note_calls(calls, name, method):
-    """Return the method as a function that also notes its calls in a list."""
+    """Return a function that records each call as (name, arguments, options) in the
+    list `calls`, and then calls `method`.
+    """
 
     def noting(*arguments, **options):
+        """Record the call and return what the method returns."""
         calls.append((name, arguments, options))
         return method(*arguments, **options)
 
@@ -166,6 +192,11 @@ def note_calls(calls, name, method):
 
 @pytest.mark.parametrize("method", ["bem", "fem"])
 def test_a_field_file_is_that_of_the_last_load(ran, method):
+    """The saved fields are those of the last load, 3 kPa, and not of the first.
+
+    Heights, periods, areas and all quantities equal those of the result; pressures obey
+    the cap.
+    """
     file, result = ran.last_load(method)
     first, *_, last = result.steps
     assert first.areas["raw"] != last.areas["raw"]
@@ -186,6 +217,9 @@ def test_a_field_file_is_that_of_the_last_load(ran, method):
 
 
 def test_a_collection_stands_for_its_last_load(ran):
+    """A .pvd collection lists the three loads in order, and a view of the collection
+    reads the last of them.
+    """
     collection = ran.folder / "bem-seed5-steps" / "path.pvd"
     rows = []
     for row in ET.parse(collection).iter("DataSet"):
@@ -201,16 +235,19 @@ def test_a_collection_stands_for_its_last_load(ran):
 
 
 def test_the_page_holds_the_pictures_the_scene_and_every_cell_of_the_gates(ran):
+    """The report shows every picture's caption, every value that describes the scene,
+    and five cells for each gate of the verdict.
+    """
     _, pictures, cells = page_of(ran.home / "report.html")
     captions = {path.read_text().strip() for path in ran.folder.glob("*.txt")}
     assert pictures == captions
     values = {}
-    places = []
-    for about, _ in cells:
-        if "value" in about:
-            values[about["quantity"]] = json.loads(about["value"])
-        if "field" in about:
-            places.append([*about.values()])
+    gate_cells = []
+    for attributes, _ in cells:
+        if "value" in attributes:
+            values[attributes["quantity"]] = json.loads(attributes["value"])
+        if "field" in attributes:
+            gate_cells.append([*attributes.values()])
     described = ran.last_load("bem")[1].provenance.about
     assert values == {name: entry["value"] for name, entry in described.items()}
     (case,) = json.loads((ran.home / "verdict.json").read_text())["cases"]
@@ -219,19 +256,26 @@ def test_the_page_holds_the_pictures_the_scene_and_every_cell_of_the_gates(ran):
         against = report.number_text(gate["against"])
         for field in ("status", "value", "reference", "difference", "band"):
             expected.append([field, "shown", gate["quantity"], gate["of"], against])
-    assert places == expected
+    assert gate_cells == expected
 
 
 def tree_of(path):
-    """Return the parsed page, whose empty elements are closed first."""
+    """Return the root element of an HTML page.
+
+    `path` is the file of the page. Its empty elements, such as <img>, are closed before
+    an XML parser reads them.
+    """
     text = path.read_text("utf-8").partition("\n")[2]
     return ET.fromstring(re.sub(r"<((?:meta|link|img)\b[^>]*)>", r"<\1/>", text))
 
 
 def page_of(path):
-    """Return the text, the captions of the pictures, and the cells with data of a page.
+    """Return the text of an HTML page, the set of its pictures' captions, and its table
+    cells with data attributes, as pairs (dictionary of the attributes without "data-",
+    text).
 
-    The page is balanced, holds all that it shows, and no script.
+    The assertions require that the page embeds all pictures, links only within itself,
+    and has no script.
     """
     page = tree_of(path)
     ids = {element.get("id") for element in page.iter()}
@@ -282,6 +326,9 @@ def check_images(chart, *expected):
 
 @pytest.mark.parametrize("method", ["bem", "fem"])
 def test_a_map_shows_state_and_pressure_and_their_fractions(ran, method):
+    """The contact map draws the state and the pressure in kPa, up to the hardness of 15
+    kPa, and labels each state with its percentage of grid points.
+    """
     fields = ran.last_load(method)[0].fields
     chart = ran.charts[f"contact-{method}"]
     state_title = "contact state (shares of grid points)"
@@ -301,7 +348,9 @@ def test_a_map_shows_state_and_pressure_and_their_fractions(ran, method):
 
 
 def test_a_chart_shows_the_fields_and_the_figures(ran):
-    """The difference of the pressures of both methods, in kPa and mm."""
+    """The chart of two methods draws both pressures and their difference, in kPa over
+    mm, and tabulates the largest, rms and mean values in Pa.
+    """
     first = 1e-3 * ran.last_load("bem")[0].fields["pressure"]
     second = 1e-3 * ran.last_load("fem")[0].fields["pressure"]
     difference = first - second
@@ -326,12 +375,20 @@ def test_a_chart_shows_the_fields_and_the_figures(ran):
 
 
 def lines_of(chart):
-    """Return the points of the lines of a chart with one panel, by label."""
+    """Return the points (n, 2) of each line of a chart with one panel, by the line's
+    label.
+    """
     (axes,) = chart.figure.axes
     return {line.get_label(): line.get_xydata() for line in axes.lines}
 
 
 def test_curves_show_the_pressures_the_residuals_and_the_spectrum(ran):
+    """The curves show the distribution of the pressure fields, every positive residual
+    of the solver, and the analytic spectrum of the surface.
+
+    The spectrum is flat up to the roll-off at 12566 rad/m and then falls with exponent
+    -2 (1 + Hurst exponent 0.8) up to 2e4 rad/m.
+    """
     chart = ran.charts["pressure-distribution"]
     lines = lines_of(chart)
     for method in ("bem", "fem"):
@@ -363,7 +420,9 @@ def test_curves_show_the_pressures_the_residuals_and_the_spectrum(ran):
 
 
 def test_a_view_shows_the_fields(ran):
-    """Pressures in kPa and heights on the surface in mm, at the load of most flow."""
+    """The 3D window draws pressures in kPa and the gap in mm, 20 times enlarged, at the
+    second load of the path, 5 kPa.
+    """
     if not ran.windows["view"]:
         pytest.skip("nothing can be drawn in three dimensions here")
     file = read_fields(ran.folder / "bem-seed5-steps" / "step-0001.vti")
@@ -399,6 +458,9 @@ def test_a_view_shows_the_fields(ran):
 
 
 def test_a_film_of_a_block_shows_its_stresses_in_one_scale(ran):
+    """All pictures of a film use the colour range of the von Mises stress at the last
+    load, in kPa, and the surface's ranges are those of its contact pressure and gap.
+    """
     if not ran.windows["verify"]:
         pytest.skip("nothing can be drawn in three dimensions here")
     body = next(ran.folder.glob("fem-seed5-steps/*0002.vtu"))
@@ -416,6 +478,9 @@ def test_a_film_of_a_block_shows_its_stresses_in_one_scale(ran):
 
 
 def test_a_scene_is_described_by_its_numbers_and_units():
+    """The description of a scene gives each value in SI units, computed here from the
+    spectrum, the grid, the material and the loads.
+    """
     spectrum = SelfAffineSpectrum(0.7, 7e3, 12e3, 24e3, 0.05)
     recipe = SelfAffine(spectrum, (1e-3, 1.5e-3), (16, 32), 5)
     material = Material(100e9, 0.3, hardness=6e9)
@@ -448,6 +513,9 @@ def test_a_scene_is_described_by_its_numbers_and_units():
 
 
 def test_a_profile_is_that_of_the_fields():
+    """The chart of a line with 6 points 2 mm apart tabulates the fields in SI units and
+    draws heights in µm below the flat and pressures in kPa.
+    """
     state = np.array([0, 1, 2, 0, 0, 1])
     pressure = np.array([0.0, 3e3, 5e3, 0.0, 0.0, 1e3])
     gap = np.array([4e-6, 0.0, -1e-6, 2e-6, 1e-6, 0.0])
@@ -463,7 +531,7 @@ def test_a_profile_is_that_of_the_fields():
     assert right.get_title() == "contact pressure, mean 1.5 kPa"
     assert right.get_ylabel() == "pressure (kPa)"
     assert left.get_xlabel() == right.get_xlabel() == "x (mm)"
-    body, *contact = (each.get_paths()[0].vertices for each in left.collections)
+    body, *contact = (drawn.get_paths()[0].vertices for drawn in left.collections)
     assert body[:, 1].max() == 0
     assert {*np.round(body[:, 1], 9)} >= {0.0, -1.0, -2.0, -4.0}
     assert [part[:, 1].max() > 0 for part in contact] == [True, True]
@@ -472,21 +540,25 @@ def test_a_profile_is_that_of_the_fields():
 
 
 def test_a_difference_states_the_mean_of_each_pressure():
+    """The mean pressure of each of the two methods stands in its own row."""
     chart = maps.pressure_difference(np.eye(2), np.ones((2, 2)), (1.0, 1.0))
     values = dict(chart.rows)
     assert values["mean_pressure_first_Pa"] == 0.5
     assert values["mean_pressure_second_Pa"] == 1.0
 
 
-# --- invented numbers, no two alike
-# ---------------------------------------------------------
+# --- invented numbers, no two alike ---------------------------------------------------
 
 STATUSES = ("holds", "falls short", "error")
 HOSTILE = '</td><script src="http://evil.example/x.js">alert(1)</script> & "quoted"'
 
 
 def gate(number, status):
-    """Return the verdict on a gate whose values depend on its number from 0 to 8."""
+    """Return a `GateVerdict` with this status whose invented values depend on its
+    number, from 0 to 8.
+
+    A status of "error" leaves the gate without values.
+    """
     size = 1.9**number
     judged: dict[str, Any] = {}
     if status == "error":
@@ -519,8 +591,8 @@ def gate(number, status):
 
 
 def case_of(number):
-    """Return the verdict on a case of one of STATUSES, with a gate of each status up to
-    its own.
+    """Return a `CaseVerdict` with the status STATUSES[number] and number + 1 gates, one
+    for each status up to that of the case.
     """
     statuses = STATUSES[: number + 1]
     gates = [gate(3 * number + k, status) for k, status in enumerate(statuses)]
@@ -537,12 +609,14 @@ def case_of(number):
 
 
 def verdict():
-    """Return a verdict on one case for each status."""
+    """Return a `Verdict` on three cases: one holds, one falls short, one has an error."""
     return Verdict.on([case_of(number) for number in range(3)], "fast")
 
 
 def result_of_seed(seed):
-    """Return a result whose areas depend on the seed of its surface."""
+    """Return a `ContactResult` of bem at one load whose invented areas decrease with
+    the seed of the surface.
+    """
     areas = {}
     for index, kind in enumerate(KINDS):
         total = (0.3 - 0.047 * index) / 1.13**seed
@@ -558,6 +632,9 @@ def result_of_seed(seed):
 
 
 def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
+    """The `repr` of a result states its last area with its error, and its HTML is the
+    table of loads.
+    """
     result = result_of_seed(0)
     described = "1 load, contact area 0.253 ± 0.21 at 1.25e+10 Pa"
     assert repr(result) == f"<ContactResult of bem: {described}>"
@@ -577,6 +654,9 @@ def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
     ],
 )
 def test_values_have_suitable_units(value, unit, text):
+    """A value or a list in SI units becomes a text with a prefixed unit; long lists are
+    shortened, and infinity is "none".
+    """
     assert report.value_text(value, unit) == text
 
 
@@ -592,15 +672,18 @@ def test_values_have_suitable_units(value, unit, text):
     ],
 )
 def test_numbers_have_four_digits(value, text):
+    """`number_text` rounds numbers to four digits and leaves words as they are; NaN
+    becomes a dash, and None an empty text.
+    """
     assert report.number_text(value) == text
 
 
-def margin_of(gate):
-    """Return the margin of a gate, -1 if it was not judged."""
-    return -1 if math.isnan(gate.margin) else gate.margin
-
-
 def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_path):
+    """Each cell of the overview shows the worst margin and the number of its gates, and
+    links to the list of its cases.
+
+    The quantities that no gate reads follow; one gate reads `area.total.raw`.
+    """
     content = verdict().content
     content["cases"][0]["gates"][0]["quantity"] = "area.total.raw"
     seen = overview(Verdict.model_validate(content))
@@ -609,30 +692,35 @@ def test_the_page_opens_with_a_matrix_and_ends_it_with_what_is_not_covered(tmp_p
     margins = defaultdict(list)
     cases = defaultdict(set)
     for case in verdict().cases:
-        for one in case.gates:
-            margins[one.subject, one.kind].append(margin_of(one))
-            cases[one.subject, one.kind].add(case.id)
+        for gate in case.gates:
+            margins[gate.subject, gate.kind].append(gate.margin)
+            cases[gate.subject, gate.kind].add(case.id)
     cells = {}
     for cell in page.iter("td"):
         if cell.get("data-subject"):
             cells[cell.get("data-subject"), cell.get("data-kind")] = cell
     assert cells.keys() == {*itertools.product(SUBJECTS, REFERENCES)}
     elements = {element.get("id"): element for element in page.iter()}
-    for place, margins_there in margins.items():
-        link, number = cells[place]
-        worst = min(margins_there)
-        assert link.text == ("–" if worst < 0 else f"{worst:.3g}")
-        assert number.text == f"{len(margins_there)}"
+    for cell, margins_of_cell in margins.items():
+        link, number = cells[cell]
+        worst = report.number_text(np.min(margins_of_cell), 3)  # a dash for an error
+        assert link.text == worst
+        assert number.text == f"{len(margins_of_cell)}"
         target = elements[link.get("href").removeprefix("#")]
-        listed = {each.get("href").removeprefix("#") for each in target.iter("a")}
-        assert listed == cases[place]
+        listed = {anchor.get("href").removeprefix("#") for anchor in target.iter("a")}
+        assert listed == cases[cell]
     uncovered = [row.get("data-uncovered") for row in page.iter("tr")]
     expected = [name for name in QUANTITIES if name != "area.total.raw"]
     assert [name for name in uncovered if name] == expected
 
 
 def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
-    """The interval of a difference holds what the results claim of their grids."""
+    """Each gate's row shows value, reference and difference with their half-widths, the
+    band and the status.
+
+    The half-width of the difference includes the error that the grid is estimated to
+    cause.
+    """
     shown = verdict()
     write_report(tmp_path / "x.html", shown.content, {})
     _, _, cells = page_of(tmp_path / "x.html")
@@ -652,6 +740,9 @@ def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
 
 
 def test_nothing_a_case_says_becomes_html(tmp_path):
+    """Every text that a case or a result supplies is escaped: the hostile markup
+    appears as text in all 14 places.
+    """
     content = verdict().content
     case = content["cases"][0]
     case["requirement"] = HOSTILE
