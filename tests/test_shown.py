@@ -609,7 +609,7 @@ def case_of(number):
 
 
 def verdict():
-    """Return a `Verdict` on three cases: one holds, one falls short, one has an error."""
+    """Return a `Verdict` on three cases, one of each status in STATUSES."""
     return Verdict.on([case_of(number) for number in range(3)], "fast")
 
 

@@ -87,21 +87,27 @@ def charts_of(name):
 
 
 def drawn(name, number):
-    """The data of a chart, counted from 1."""
+    """Return the data that a chart of a study draws, as a table; `number` counts the
+    charts from 1.
+    """
     return pd.read_csv(io.StringIO(charts_of(name)[number - 1].csv()))
 
 
 def of_kind(table, kind, column="relative_error"):
-    """Return a column of the rows of one series, (n,)."""
+    """Return a column of one series of a chart's table, as an array (n,)."""
     return table[table["series"] == kind][column].to_numpy()
 
 
-# --- every study
-# --------------------------------------------------------------------------------
+# --- every study ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
 def test_a_chart_names_its_study_and_options_and_its_bounds_hold_its_values(name):
+    """Each caption names the study and its options, and every value is between its
+    bounds.
+
+    Columns 1 to 4 of a chart's table are x, y, low and high.
+    """
     study = STUDIES[name]
     assert 20 < len(study.description) < 100
     assert set(study.full) <= set(inspect.signature(study.function).parameters)
@@ -117,6 +123,11 @@ def test_a_chart_names_its_study_and_options_and_its_bounds_hold_its_values(name
 
 
 def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):
+    """The chart of the areas' errors states for each kind of surface the percentage of
+    marks at or below 1.
+
+    A mark is the error over its estimate, drawn between 1e-3 and 1e2.
+    """
     times = {"a": [0.02, 0.5, 1.5], "b": [0.4, 700.0, 3.0], "c": [0.9, 0.7, 1e-5]}
 
     def judged(kind, seed, points):
@@ -135,6 +146,9 @@ def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):
 
 
 def test_finite_elements_near_the_gap_of_boundary_elements():
+    """For each law of plasticity, 6 points a wave bring finite elements within 5 % of
+    the gap of boundary elements, and closer than 3 points do by half.
+    """
     table = drawn("gap", 5).set_index("series")["deviation_percent"]
     off = table.abs().groupby(level=0).max()
     for law in scenes.LAWS:
@@ -148,8 +162,8 @@ def test_finite_elements_near_the_gap_of_boundary_elements():
 
 
 def test_errors_of_finite_elements_fall():
-    """With mean dilatation, with the depth of the block to its longest wave, and with
-    the steps.
+    """Errors of finite elements fall with mean dilatation, with the depth of the block
+    (in longest waves), and with the number of load steps.
     """
     errors = drawn("fem", 1).set_index("series")["relative_error"]
     assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
@@ -163,6 +177,9 @@ def test_errors_of_finite_elements_fall():
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
+    """A single chart is saved under the study's name, two charts with a number, each as
+    four files.
+    """
     charts = charts_of("gamma")
     paths = save_charts("alone", charts[:1], tmp_path)
     paths += save_charts("pair", charts, tmp_path)
@@ -174,6 +191,9 @@ def test_charts_are_saved_under_the_study_s_name(tmp_path):
 
 
 def test_rows_are_the_product_of_the_axes():
+    """`tabulate` calls a function for each combination of the axes' values, and reports
+    each.
+    """
     said: list[str] = []
 
     def row(load, law):
@@ -204,6 +224,11 @@ STUDENT = {"a": 12.706205 / math.sqrt(2), "b": 4.302653 / math.sqrt(3)}
     ("value", "error"), [("x", ""), ("x", "claim"), ("share", "claim")]
 )
 def test_the_interval_of_a_mean_is_student_s_and_shared_errors_stay(value, error):
+    """The 95 % interval of a mean has Student's half-width; the mean of the column
+    `error`, which all surfaces share, is added in quadrature.
+
+    Ends of the column "share", a fraction of the area, are clipped to 0 and 1.
+    """
     found = mean_with_interval(SURFACES, value, ["law"], error).set_index("law")
     assert len(found) == 2
     for law, surfaces in SURFACES.groupby("law"):
@@ -219,17 +244,22 @@ def test_the_interval_of_a_mean_is_student_s_and_shared_errors_stay(value, error
 
 
 def test_root_mean_squares_are_taken_for_each_law():
+    """Column x is averaged in the root mean square, other columns arithmetically."""
     means = root_mean_square(SURFACES, "x", ["law"])
     expected = [[math.sqrt(101 / 3), 0.35], [math.sqrt(37), 0.6]]
     assert means[["x", "share"]].to_numpy() == pytest.approx(np.array(expected))
 
 
-# --- materials and joints
-# ---------------------------------------------------------------------------
+# --- materials and joints -------------------------------------------------------------
 
 
 def test_laws_of_conductance_differ_as_their_formulas():
-    """The boundary elements cancel in the ratio of two laws."""
+    """The ratio of two laws in the chart is that of their formulas, because the
+    boundary elements cancel in it.
+
+    The formula that was fitted to boundary elements is within 15 % of them, and the
+    others are at least twice as far off.
+    """
     table = drawn("conductance", 1)
     ratios = table.pivot(
         index=["load", "hardness"],
@@ -249,6 +279,9 @@ def test_laws_of_conductance_differ_as_their_formulas():
 
 
 def test_the_cap_of_equal_area_has_more_of_the_j2_contact_than_three_yield_stresses():
+    """The effective hardness, in yield stresses, overlaps more of the J2 contact than
+    the usual hardness of three yield stresses.
+    """
     hardness = drawn("hardness", 1)["effective_hardness"]
     assert 1.5 < hardness[0] < hardness[1] < 3
     of_equal_area = drawn("hardness", 2)["effective_overlap"]
@@ -259,6 +292,9 @@ def test_the_cap_of_equal_area_has_more_of_the_j2_contact_than_three_yield_stres
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_the_formula_of_the_hardness_is_near_the_places_of_the_map(number):
+    """The root mean square deviation of the fitted formula from the map is below the
+    4.1 % of the caption, on each of the four charts.
+    """
     table = drawn("hardness-map", number)
     is_formula = table["series"].str.endswith(", formula")
     curves = dict(iter(table[is_formula].groupby("series")))
@@ -275,6 +311,9 @@ def test_the_formula_of_the_hardness_is_near_the_places_of_the_map(number):
 
 
 def test_a_load_takes_power_from_short_waves_and_the_theory_takes_all():
+    """The fraction of the spectral power that a load leaves in each octave is 0.5 to
+    0.9 with the cap; in the theory it falls from 1 to 0.
+    """
     kept = drawn("residual", 3).set_index("series")["power_kept"]
     (cap,) = {name for name in kept.index if name.startswith("cap")}
     (of_theory,) = {name for name in kept.index if name.startswith("theory")}
@@ -285,7 +324,9 @@ def test_a_load_takes_power_from_short_waves_and_the_theory_takes_all():
 
 
 def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():
-    """Of controls whose continuation is known."""
+    """On cut-outs of known surfaces, mirroring has less than 10 % error of the
+    conductance, and a periodic continuation less than 10 % of the gap's percolation.
+    """
     errors = {}
     for number, chart in enumerate(charts_of("treatment"), 1):
         quantity = chart.caption.partition(":")[2].partition(",")[0].strip()
@@ -299,6 +340,9 @@ def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():
 
 
 def test_the_errors_of_the_theory_are_those_that_a_result_reports():
+    """The charted errors of the theory equal `expected_errors` at five places of the
+    map.
+    """
     table = drawn("validity", 1).dropna()
     lowest = scenes.LOWEST
     spectrum = SelfAffineSpectrum(0.8, lowest, 4 * lowest, 256 * lowest, 1.0)
@@ -313,12 +357,12 @@ def test_the_errors_of_the_theory_are_those_that_a_result_reports():
         assert found.tolist() == pytest.approx([*error], rel=1e-9)
 
 
-# --- theory
-# --------------------------------------------------------------------------------
+# --- theory ---------------------------------------------------------------------------
 
 
 def fits_of_gamma(width, gamma, gamma_elastic):
-    """Fit gamma to areas of the theory at one gamma, and at another without hardness.
+    """Return fits of gamma, rows of (best, low, high), to areas that the theory
+    computes.
 
     Args:
         width: half-width of the interval of an area over the area.
@@ -344,6 +388,9 @@ def fits_of_gamma(width, gamma, gamma_elastic):
 
 
 def test_areas_of_the_theory_give_back_their_gamma():
+    """A fit to areas of the theory returns the gamma that was put in, and `one_gamma`
+    tells whether one value fits all intervals.
+    """
     # The table's steps of 0.005, between which it is linear, leave curvature times
     # 3e-6.
     fits = np.array(fits_of_gamma(1e-3, 0.536, 0.536))
@@ -357,12 +404,16 @@ def test_areas_of_the_theory_give_back_their_gamma():
 
 
 def test_an_area_that_no_gamma_gives_has_no_fit():
+    """The fit to an area fraction of 0.9, which no gamma gives, is NaN."""
     ends = ("area_fraction", "area_fraction_low", "area_fraction_high")
     row = dict.fromkeys(ends, 0.9) | {"area": "total"}
     assert np.isnan(theory.fit_gamma(theory.theory_areas(), row)).all()
 
 
 def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_does():
+    """The contact area falls with the magnification, within 25 % of the theory, whose
+    pressure densities integrate to the elastic area.
+    """
     areas, deviations, densities = (drawn("magnification", n) for n in (1, 2, 3))
     found = of_kind(areas.sort_values("magnification"), "total, bem", "area_fraction")
     assert (np.diff(found) < 0).all()
@@ -380,6 +431,9 @@ def test_boundary_elements_lose_contact_with_the_magnification_as_the_theory_doe
 
 
 def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
+    """The density of pressures that are drawn from the theory has the theory's slope
+    and value at zero pressure and at the hardness.
+    """
     scene = scenes.rough_scene(4, 1, 8)
     result = scenes.solve_theory(scene)
     G = result.final.quantities["diffusion"]
@@ -406,6 +460,9 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
 
 
 def test_limits_of_exact_powers_are_exact():
+    """The limit for an infinitely fine grid is exact if the error is an exact power of
+    the grid spacing.
+    """
     for figure, limit in {theory.DENSITY: 0.1, theory.SLOPE: 0.3}.items():
         _, _, order = theory.QUANTITIES[figure]
         rows = [
@@ -424,11 +481,13 @@ def test_limits_of_exact_powers_are_exact():
         assert width < 1e-12 or figure == theory.SLOPE
 
 
-# --- cost
-# --------------------------------------------------------------------------------
+# --- cost -----------------------------------------------------------------------------
 
 
 def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
+    """Newton's method takes fewer FFT pairs than the projected gradient, and the
+    caption names the method that stopped early.
+    """
     residuals, errors = drawn("bem", 1), drawn("bem", 2)
     pairs = residuals.groupby("series")["fft_pairs"].last()
     assert pairs["newton"] < pairs["projected_gradient"]
@@ -439,6 +498,11 @@ def test_newton_needs_fewer_transforms_and_a_method_that_fails_is_told():
 @pytest.mark.parametrize("law", scenes.LAWS)
 @pytest.mark.parametrize(("number", "column"), [(1, "finest_pairs"), (2, "all_pairs")])
 def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
+    """A solve to the accuracy of the areas takes no more FFT pairs than one to a tight
+    tolerance, and its areas are accurate.
+
+    `number` is the chart, with pairs of the finest grid or of all grids in `column`.
+    """
     speed = drawn("speed", number)
     tight, loose = (of_kind(speed, f"{law}, {aim}", column) for aim in cost.AIMS)
     assert (loose <= tight).all()
@@ -450,11 +514,13 @@ def test_a_solve_to_areas_costs_less_and_has_them(law, number, column):
     assert (errors["area_error"] <= cost.AREA + 20 / errors["points_a_side"] ** 2).all()
 
 
-# --- peers
-# --------------------------------------------------------------------------------
+# --- peers ----------------------------------------------------------------------------
 
 
 def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
+    """Without installed peers, or with several threads, the study `peers` raises
+    StudyUnavailable with the remedy.
+    """
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     with monkeypatch.context() as without:
         without.setattr(peers, "installed", dict)
@@ -467,9 +533,16 @@ def test_a_comparison_that_is_not_possible_says_why(monkeypatch):
 
 
 def test_a_peer_is_timed_only_where_its_areas_agree():
+    """Of three invented peers one agrees, one has a wrong pressure and one exceeds its
+    time limit; only the first is drawn, and the title names the others.
+    """
+
     def same(heights, load, hardness, _):
-        """Return pressures over E* by the package itself, as if it were another
+        """Return the pressures over E*, by the package itself, as if it were another
         code.
+
+        `load` and `hardness` are over E*; the heights are those of the scene built
+        here.
         """
         scene = scenes.rough_scene(8, 7, 8, scenes.MODULUS * hardness)
         return bem.solve(scene, threads=1).fields["pressure"] / scenes.MODULUS
@@ -504,6 +577,7 @@ def test_a_peer_is_timed_only_where_its_areas_agree():
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["capped", "elastic"])
 def test_installed_peers_find_the_same_areas(law):
+    """Every installed peer's contact area agrees with the package's."""
     pytest.importorskip("tamaas")
     assert all(
         row["agrees"] for row in peers.race(law, 8, peers.installed(), Worker().call)

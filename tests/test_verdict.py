@@ -45,7 +45,9 @@ from epcontact.results import (
 
 
 def gate(norm="relative", low=-0.1, high=0.1):
-    """Return a gate on the raw area of bem against persson with a band."""
+    """Return a gate on the raw contact area of bem against persson, whose deviation in
+    the given norm must be between `low` and `high`.
+    """
     return Gate("area.total.raw", "bem", "persson", norm, low, high, "a test")
 
 
@@ -73,6 +75,11 @@ BEM, FEM = [1.0, 2.0, 4.0], [1.1, 1.9, 4.4]
 def test_differences_of_known_values(
     norm, values, references, paired, mean, half_width
 ):
+    """The mean difference and its 95 % half-width are those worked out by hand.
+
+    The values are one area for each surface. `paired` takes differences surface by
+    surface; Student's factor for three surfaces is 4.3026527.
+    """
     found = judge(gate(norm), values, references, paired).difference
     assert (found.mean, found.half_width) == pytest.approx(
         (mean, half_width), rel=1e-12
@@ -100,10 +107,16 @@ def test_differences_of_known_values(
     ],
 )
 def test_a_gate_holds_only_if_the_whole_interval_does(band, values, references, holds):
+    """A gate holds if the whole 95 % interval of the deviation is inside of its band,
+    not the mean alone; NaN and infinity never hold.
+    """
     assert judge(band, values, references, paired=False).holds == holds
 
 
 def test_margin_is_the_band_over_difference_and_interval():
+    """The margin is the distance from 0 to the band's end, divided by the deviation
+    plus its half-width; a gate without a judgement has the margin NaN.
+    """
     wide = gate("absolute", -0.1, 0.3)
     assert judge(wide, [1.2], [1.0], paired=False).margin == pytest.approx(0.2 / 0.1)
     spread = judge(wide, [1.0, 1.2], [1.0], paired=False)
@@ -114,7 +127,11 @@ def test_margin_is_the_band_over_difference_and_interval():
 
 
 def uniform(low, area=1.0, plastic=0.0):
-    """Pressures spread evenly over (low, low + 1) on a share `area`."""
+    """Return a distribution of pressures spread evenly from `low` to `low + 1` (Pa), on
+    the fraction `area` of the nominal area.
+
+    `plastic` is the further fraction at the hardness.
+    """
     sigma = np.linspace(0, 2, 20001)
     return PressureDistribution(sigma, area * np.clip(sigma - low, 0, 1), plastic)
 
@@ -139,13 +156,24 @@ JUMP = PressureDistribution(np.array([0, 0.5 - 1e-12, 0.5]), np.array([0.0, 0.0,
     ],
 )
 def test_distances_of_known_distributions(norm, a, b, hardness, exact):
+    """The distance of two pressure distributions is that of an integral by hand.
+
+    Wasserstein distances are divided by the hardness, and suprema by the contact area
+    of the reference `b`. A reference without contact is refused.
+    """
     assert distance(norm, a, b, hardness) == pytest.approx(exact, rel=2e-4)
     with pytest.raises(InvalidCase, match="without contact"):
         distance(norm, uniform(0, area=0.0), b, hardness)
 
 
 def answer(method, *areas, claim=0.0, labels="abc"):
-    """One surface for each area, of different claims and largest pressures."""
+    """Return the results of a method with one surface for each total area, a fraction
+    of the nominal area.
+
+    Half of each area is plastic. `claim` is the estimated error of the first surface's
+    total area, and grows from surface to surface; `labels` holds one letter for each
+    surface.
+    """
     results = []
     for number, total in enumerate(areas):
         error = Areas(*(claim * (1 + number) * share for share in (1.0, 0.3, 0.7)))
@@ -158,7 +186,11 @@ def answer(method, *areas, claim=0.0, labels="abc"):
 
 
 def of_bem(*areas, claim=0.0, **others):
-    """Return results of bem with these areas, of persson with 0.1, and others."""
+    """Return the results by method: bem with these areas (fractions) and this estimated
+    error, persson with one area of 0.1.
+
+    `others` adds or replaces the results of methods.
+    """
     return {
         "bem": answer("bem", *areas, claim=claim),
         "persson": answer("persson", 0.1),
@@ -166,13 +198,19 @@ def of_bem(*areas, claim=0.0, **others):
 
 
 def failed(method, *areas):
-    """Return results of a method with these areas and one error."""
+    """Return a dictionary with the results of one method: these areas, and one error
+    that names the method.
+    """
     return {method: replace(answer(method, *areas), errors=(f"{method}, a: stalled",))}
 
 
 @pytest.fixture
 def case(write_case):
-    """A band of ± 10 % on the area; no default gates, which read fields."""
+    """Return the small case with its only explicit gate, a band of ± 10 % on the area.
+
+    The default gates are left out, because they read pressure fields, which these
+    results lack.
+    """
     loaded = load_case(write_case(("tolerance = 0.5", "tolerance = 0.1")))
     return loaded.changed(gates=loaded.gates[:1])
 
@@ -196,12 +234,21 @@ TWINS = MethodResults(2 * answer("bem", 0.1).results, ("a", "b"))
     ],
 )
 def test_status_of_a_case(case, given, status, why):
+    """The status of a case with one gate follows from its values: an interval inside
+    the band holds, a scattered one falls short unless the surfaces are paired, and
+    failed or repeated surfaces are an error.
+
+    `why` is part of the gate's error message.
+    """
     outcome = judge_case(case, given)
     assert outcome.status == outcome.gates[0].status == status
     assert why in str(outcome.gates[0].error)
 
 
 def test_exit_code_of_several_cases(case):
+    """The exit code is 0 if all judged cases hold, 1 if one falls short, and 2 if one
+    has an error; skipped cases do not count.
+    """
     held = judge_case(case, of_bem(0.1))
     skipped = judge_case(case.changed(skip="no file"), {})
     assert (skipped.status, skipped.gates) == ("skipped", [])
@@ -219,6 +266,9 @@ def test_exit_code_of_several_cases(case):
 
 
 def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case):
+    """A gate on a quantity that the method does not report is an error, and its message
+    lists the quantities that are reported.
+    """
     absent = case.changed(
         gates=(replace(case.gates[0], quantity="quantity.diffusion"),)
     )
@@ -230,7 +280,12 @@ def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case):
 
 
 def test_areas_less_sure_than_the_band_do_not_hold(case):
-    """Of two grids the smaller claim counts, and beside a theory that of the grid."""
+    """A gate counts the estimated grid errors of the areas.
+
+    Two methods on different points share no grid, and the smaller estimate counts. Two
+    solvers on the same points share the error of their grid. Beside a theory, the
+    estimate of the grid method counts; an unknown one (NaN) never holds.
+    """
     on_fem = replace(case.gates[0], against="fem")
     gates = case.changed(
         methods=("persson", "bem", "fem"), gates=(case.gates[0], on_fem)
@@ -272,6 +327,12 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
     path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines(),
 )
 def test_what_a_gate_verifies_and_on_what_it_rests(named):
+    """The overview's row (what a gate verifies) and column (the kind of its reference)
+    of known gates.
+
+    `named` is a case, a quantity and a reference, then after the colon the expected
+    kind and subject.
+    """
     name, quantity, against, told = [
         *named.strip().split(" ", 3)[:3],
         named.split(": ")[1],
@@ -287,6 +348,12 @@ def test_what_a_gate_verifies_and_on_what_it_rests(named):
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):
+    """verdict.json read back equals the verdict, and junit.xml holds the failure, the
+    kind and the subject of its gate.
+
+    The bem areas are 21 % too large on average, with estimated errors of 0.001, 0.002
+    and 0.003, of which 0.7 is plastic area.
+    """
     bem = answer("bem", 0.12, 0.121, 0.122, claim=0.001)
     case = case.changed(
         gates=(replace(case.gates[0], quantity="area.plastic.corrected"),)
@@ -320,7 +387,9 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
 
 
 def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monkeypatch):
-    """And what it judges is what another run of the same sources judges."""
+    """The run information holds version, time, number of cores and system, but no host
+    name; a second run judges the same.
+    """
     first = Verdict.read(written / JSON)
     names = ["system", "node", "release", "version", "machine"]
     monkeypatch.setattr(
@@ -342,7 +411,9 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
 
 
 def git(folder, *words):
-    """Run git in a folder and return its output."""
+    """Run git in a folder and return its stripped output; raises CalledProcessError if
+    git fails.
+    """
     about = ("-c", "user.name=x", "-c", "user.email=x", "-c", "commit.gpgsign=false")
     done = subprocess.run(
         ("git", *about, *words), cwd=folder, check=True, capture_output=True, text=True
@@ -354,6 +425,9 @@ def git(folder, *words):
 def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(
     tmp_path, monkeypatch
 ):
+    """`commit_of` returns (commit, whether sources are changed) of a checkout, and
+    (None, None) for an installed package inside of another repository.
+    """
     inner = tmp_path / "site-packages"
     for home in (tmp_path, inner):
         (home / "epcontact").mkdir(parents=True)
@@ -377,7 +451,9 @@ def test_the_commit_is_that_of_the_package_and_of_no_repository_around_it(
 
 
 def test_seconds_are_those_of_the_solves(written):
-    """In the verdict by surface, in junit.xml at the first gate that reads a method."""
+    """The verdict has the seconds of each surface's solve, and junit.xml books those of
+    a method on the first gate that reads the method.
+    """
     (judged,) = json.loads((written / JSON).read_text())["cases"]
     spent = {}
     for name, method in judged["methods"].items():
@@ -400,6 +476,11 @@ def test_seconds_are_those_of_the_solves(written):
 
 
 def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
+    """bem.json holds the mean, the standard deviation and the 95 % half-width of three
+    surfaces' areas, and their largest residual.
+
+    Student's factor for three surfaces is 4.302653.
+    """
     loaded = load_case(write_case())
     run_cases([loaded.changed(methods=("bem",))], Run(output=tmp_path, jobs=1))
     answer = json.loads((tmp_path / "small" / "fast" / "bem.json").read_text())
@@ -423,7 +504,9 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
 
 
 def test_a_run_that_ends_in_an_error_leaves_no_verdict(tmp_path, monkeypatch):
-    """Neither its own nor that of an earlier run, which would pass for its own."""
+    """A run that fails leaves neither its own verdict nor that of an earlier run, which
+    a reader would take for its own.
+    """
     names = ["junit.xml", "verdict.json"]
 
     def verdict_files():
@@ -469,8 +552,10 @@ because = "only a smoke test"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The output folder of three surfaces, a paired gate, and gates that hold and fall
-    short.
+    """Return the output folder of one verified case with three surfaces, whose gates
+    hold and fall short.
+
+    `spectrum = "surface"` pairs the theory's results with the surfaces.
     """
     folder = tmp_path_factory.mktemp("written")
     gamma = "energy_reduction = 0.536"
@@ -485,6 +570,9 @@ JSON, BEM = "verdict.json", "small/fast/bem.json"
 
 @pytest.mark.parametrize("file", [JSON, BEM])
 def test_a_file_that_was_edited_is_refused(written, tmp_path, file):
+    """Every command that reads a verdict refuses the folder after `file`, the verdict
+    or a result, was edited.
+    """
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     Verdict.read(folder / JSON)
     content = json.loads((folder / file).read_text())
@@ -500,7 +588,9 @@ def test_a_file_that_was_edited_is_refused(written, tmp_path, file):
 
 
 def test_a_damaged_file_is_one_sentence(written, tmp_path):
-    """Whatever of a verdict or an answer is gone, cut off, or of another type."""
+    """A verdict or a result that is empty, cut off, of another type or changed ends in
+    one line of error.
+    """
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     for path in (folder / JSON, folder / BEM):
         whole = path.read_bytes()
