@@ -78,19 +78,22 @@ class PathProgress:
 def advance(
     problem: Problem, progress: PathProgress, target: float, stepping: Stepping
 ) -> PathProgress:
-    """Solve the increments to a target.
+    """Solve the increments from the present position on the load path to a target.
+
+    An increment that does not converge is halved.
 
     Args:
-        problem: the problem.
+        problem: the finite-element problem.
         progress: present position on the path.
-        target: force in N, or approach in m.
-        stepping: how the path is divided.
+        target: total force in N, or approach in m.
+        stepping: number of increments, kind of target, and tolerance.
 
     Returns:
-        The position at the target, with the iterations that it took.
+        The position at the target, with the iterations that were needed.
 
     Raises:
-        NotConverged: an increment failed after `MAX_HALVINGS` halvings.
+        NotConverged: the increments to the target were halved more than `MAX_HALVINGS`
+            (6) times.
     """
     progress = replace(progress, counts=Counts())
     steps = 1
@@ -113,7 +116,16 @@ def advance(
 
 
 def _increment_ends(target: float, farthest: float, count: int) -> list[float]:
-    """Return the ends of the increments to a target, the last one at the target."""
+    """Return the ends of the increments to a target, the last one at the target.
+
+    They are target sqrt(k/count) for k = 1 ... count, without those that do not exceed
+    `farthest`.
+
+    Args:
+        target: total force in N, or approach in m.
+        farthest: largest position so far, in the same unit.
+        count: number of increments n; 1 gives the target alone.
+    """
     ends = [target * math.sqrt(k / count) for k in range(1, count)]
     return [end for end in ends if end > farthest] + [target]
 
@@ -121,7 +133,16 @@ def _increment_ends(target: float, farthest: float, count: int) -> list[float]:
 def _commit(
     problem: Problem, progress: PathProgress, solved: SolvedIncrement, position: float
 ) -> PathProgress:
-    """Return the progress after a solved increment, with its plastic strains."""
+    """Return the load path's progress after a solved increment.
+
+    The plastic strains of the increment are added to the elements' history.
+
+    Args:
+        problem: the finite-element problem.
+        progress: position on the path before the increment; it is not changed.
+        solved: the converged increment.
+        position: end of the increment, a force in N or an approach in m.
+    """
     history = progress.history
     if problem.plastic:
         u = problem.physical_displacement(solved.state.displacement).reshape(-1, 3)
@@ -143,7 +164,18 @@ def _commit(
 def _solve_to(
     problem: Problem, progress: PathProgress, end: float, stepping: Stepping
 ) -> SolvedIncrement:
-    """Solve the increment to `end` from a first guess."""
+    """Solve one increment of the load path from a first guess.
+
+    Args:
+        problem: the finite-element problem.
+        progress: position on the path before the increment.
+        end: force in N, or approach in m since the first touch if the stepping has one;
+            the force 0 removes the load.
+        stepping: kind of target, and tolerance on the residuals.
+
+    Raises:
+        NotConverged: Newton's method did not reach the tolerance.
+    """
     if stepping.first_touch is not None:
         control = Control(approach=end - stepping.first_touch, scale=progress.peak)
     elif end == 0:
@@ -163,7 +195,18 @@ def _solve_to(
 def _unload_fully(
     problem: Problem, progress: PathProgress, tolerance: float
 ) -> SolvedIncrement:
-    """Solve for the body without a load, whose highest point just touches the flat."""
+    """Solve for the body without a load, whose highest point just touches the flat.
+
+    The flat is first moved so far away that no node touches it.
+
+    Args:
+        problem: the finite-element problem.
+        progress: position on the path before the increment, with at least one state.
+        tolerance: on the dimensionless residuals.
+
+    Raises:
+        NotConverged: Newton's method did not reach the tolerance.
+    """
     last = progress.states[-1]
     motion = float(np.abs(last.displacement[0]).max())
     reach = float(np.ptp(problem.heights)) + 4 * motion
@@ -176,7 +219,15 @@ def _unload_fully(
 
 
 def _elastic_state(problem: Problem, control: Control) -> State:
-    """Return the contact of the flat elastic block."""
+    """Return the state of the flat elastic block in contact, without plastic flow.
+
+    Args:
+        problem: the finite-element problem, with the roughness as gap and with its cap.
+        control: prescribed load in N or approach in m.
+
+    Raises:
+        NotConverged: the contact sets do not stop changing.
+    """
     factor = problem.factor
     solved = rigid_contact(
         factor.surface, problem.heights, control.load, control.approach, problem.cap
@@ -189,12 +240,17 @@ def _elastic_state(problem: Problem, control: Control) -> State:
 def _first_guess(
     problem: Problem, states: tuple[State, ...], control: Control
 ) -> State:
-    """Return the first guess of an increment from the last states.
+    """Return the first guess of an increment from the last converged states.
 
     It is the contact of the flat elastic block at the begin of the path, and under
     capped forces, which have no memory.  Otherwise it is on the secant through the last
-    two states.  In unloading, and for an increment much longer than the last one, it is
-    the last state.
+    two states.  In unloading, in approach control, and for an increment much longer
+    than the last one, it is the last state.
+
+    Args:
+        problem: the finite-element problem.
+        states: the last one or two converged states; empty at the begin of the path.
+        control: load in N or approach in m that the increment prescribes.
     """
     if not states or problem.capped:
         return _elastic_state(problem, control)
@@ -230,10 +286,17 @@ def _first_guess(
 def _interpolate(
     problem: Problem, state: State, other: State, fraction: float
 ) -> State:
-    """Return the state at a fraction of the way to another; below 0 it extrapolates.
+    """Return a state on the line through two states.
 
-    The number of contact nodes is interpolated, too; the nodes nearest to the flat are
-    added to those that stay in contact.
+    Displacement, approach and number of contact nodes are interpolated.  The nodes
+    nearest to the flat are added to those that stay in contact.  The forces are those
+    of `state`.
+
+    Args:
+        problem: the finite-element problem.
+        state: the state at the fraction 0.
+        other: the state at the fraction 1.
+        fraction: position on the line; a negative fraction extrapolates beyond `state`.
     """
     u = state.displacement + fraction * (other.displacement - state.displacement)
     approach = state.approach + fraction * (other.approach - state.approach)
@@ -254,7 +317,18 @@ def _nearest_in_contact(
     contact: NDArray[np.bool_],
     count: int,
 ) -> States:
-    """Return states with `count` contact nodes: `contact` and the nearest."""
+    """Return contact states in which the nodes nearest to the flat are in contact.
+
+    Args:
+        problem: the finite-element problem.
+        u: (levels, nx, ny, 3) displacements, in m.
+        approach: d of the flat, in m.
+        contact: (nx, ny) True for nodes that count as the nearest of all.
+        count: number of nodes in contact.
+
+    Returns:
+        (nx, ny) states: ELASTIC for `count` nodes, APART elsewhere.
+    """
     distance = np.where(contact, -np.inf, problem.gap(u, approach))
     nearest = np.argsort(distance, axis=None, kind="stable")[:count]
     states = np.full(contact.shape, APART, dtype=np.int8)

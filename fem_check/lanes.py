@@ -45,7 +45,11 @@ inlined = njit(inline="always")
 
 @compiled
 def invert_symmetric(xx, yy, zz, xy, yz, zx):
-    """Return the entries xx, yy, zz, xy, yz, zx of a symmetric matrix's inverse."""
+    """Return the entries xx, yy, zz, xy, yz, zx of the inverse of a symmetric matrix.
+
+    The arguments are the entries of the 3 x 3 matrix in the same order.  A singular
+    matrix gives infinities or NaNs, without an error.
+    """
     cofactor_xx = yy * zz - yz * yz
     cofactor_yy = xx * zz - zx * zx
     cofactor_zz = xx * yy - xy * xy
@@ -65,7 +69,18 @@ def invert_symmetric(xx, yy, zz, xy, yz, zx):
 
 @compiled
 def workspace():
-    """Return empty arrays ue, shapes, derivatives, e, dilatation and fe."""
+    """Return empty work arrays for LANES elements, which are computed at once.
+
+    All are flat, with the element (the vector lane) as the last index:
+
+    Returns:
+        ue: (3, 8, LANES) displacements of the corners, in m.
+        shapes: (LANES,) int32 indices of the elements' shapes.
+        derivatives: (3, 3, 4, LANES) derivatives of boxes, a scratch array.
+        e: (6, 8, LANES) strains, then stresses, at the Gauss points.
+        dilatation: (LANES,) mean dilatations.
+        fe: (3, 8, LANES) nodal forces, in N.
+    """
     ue = np.empty(24 * LANES)
     shapes = np.empty(LANES, np.int32)
     derivatives = np.empty(36 * LANES)
@@ -77,11 +92,19 @@ def workspace():
 
 @compiled
 def gather(u, bricks, selected, first, stop, ue, shapes):
-    """Copy the displacements u (nodes, 3) of up to LANES elements to ue.
+    """Copy the displacements of up to LANES elements to ue, the corners' displacements.
 
-    The elements are those from `first` to `stop`, or `selected[first:stop]` if the
-    array of element numbers `selected` is not None.  The last element fills the lanes
-    that remain.  `shapes` (LANES,) receives the elements' indices of shape.
+    The last element is repeated until all LANES vector lanes are filled.
+
+    Args:
+        u: (nodes, 3) displacements, in m.
+        bricks: the elements.
+        selected: array of element numbers; None: all elements.
+        first: index of the first element, in `selected` or among all.
+        stop: index after the last element that may be copied.
+        ue: (3, 8, LANES), flat: receives component i of corner a of element n at (8 i +
+            a) LANES + n.
+        shapes: (LANES,) receives the indices of the elements' shapes.
     """
     for n in range(LANES):
         element = min(first + n, stop - 1)
@@ -96,7 +119,17 @@ def gather(u, bricks, selected, first, stop, ue, shapes):
 
 @compiled
 def scatter(fe, bricks, selected, first, stop, f):
-    """Add the nodal forces fe of the elements of `gather` to f (nodes, 3)."""
+    """Add the nodal forces of up to LANES elements to those of all nodes, in place.
+
+    Args:
+        fe: (3, 8, LANES) forces on the corners in N, flat: component i of corner a of
+            element n is at (8 i + a) LANES + n.
+        bricks: the elements.
+        selected: array of element numbers; None: all elements.
+        first: index of the first element, in `selected` or among all.
+        stop: index after the last element; at most LANES elements are added.
+        f: (nodes, 3) forces in N, which are changed.
+    """
     for n in range(min(LANES, stop - first)):
         element = first + n
         if selected is not None:
@@ -116,8 +149,9 @@ def scatter(fe, bricks, selected, first, stop, f):
 def _interpolate_square(a, b, c, d):
     """Return four times the values at the 2 x 2 Gauss points of a square.
 
-    The corner values a, b, c, d and the results have the order (-, -), (-, +), (+, -),
-    (+, +).  The map is its own transpose.
+    The values are interpolated bilinearly.  The corner values a, b, c, d and the four
+    results have the order (-, -), (-, +), (+, -), (+, +).  The map is its own
+    transpose.
     """
     # Along the second axis of the square.
     low_sum = a + b
@@ -149,9 +183,16 @@ _EDGES = LANES * np.array(
 
 @compiled
 def _box_derivatives(sides, ue, derivatives):
-    """Write derivatives (3 components, 3 axes, 4 positions, LANES) of boxes.
+    """Write the displacement gradients of LANES equal boxes to `derivatives`.
 
-    `sides` (3,) are the edge lengths in m.
+    A derivative along one axis does not vary along that axis, so that it has only four
+    values, at the positions of the Gauss points across the axis.
+
+    Args:
+        sides: (3,) edge lengths along x, y and z, in m.
+        ue: (3, 8, LANES) displacements of the corners in m, flat.
+        derivatives: receives (3 components, 3 axes, 4 positions, LANES), flat and
+            dimensionless.
     """
     for i in range(3):
         for j in range(3):
@@ -176,7 +217,20 @@ def _box_derivatives(sides, ue, derivatives):
 
 @compiled
 def _box_strains(sides, mean_gradients, ue, d, e, dilatation):
-    """Do what `strains` does, for boxes of one size."""
+    """Write local strains and mean dilatations of LANES boxes of one size.
+
+    It does what `strains` does, faster.  All arrays are flat, with the element as the
+    last index.
+
+    Args:
+        sides: (3,) edge lengths along x, y and z, in m.
+        mean_gradients: (3, 8) volume averages of the corners' basis gradients, in 1/m.
+        ue: (3, 8, LANES) displacements of the corners, in m.
+        d: (3, 3, 4, LANES) scratch array for the derivatives.
+        e: (6, 8, LANES) receives xx, yy, zz, xy, yz, zx (tensor shears) at the Gauss
+            points.
+        dilatation: (LANES,) receives the mean dilatation of each element.
+    """
     L = LANES
     _box_derivatives(sides, ue, d)
     for n in range(L):
@@ -211,7 +265,17 @@ def _box_strains(sides, mean_gradients, ue, d, e, dilatation):
 
 @compiled
 def _box_forces(sides, weight, s, fe):
-    """Do what `forces` does, for boxes of one size."""
+    """Write the nodal forces of the stresses in LANES boxes of one size.
+
+    It does what `forces` does, faster.
+
+    Args:
+        sides: (3,) edge lengths along x, y and z, in m.
+        weight: volume of a Gauss point, in m^3.
+        s: (6, 8, LANES) stresses xx, yy, zz, xy, yz, zx at the Gauss points in Pa,
+            flat.
+        fe: (3, 8, LANES), flat: receives the forces on the corners, in N.
+    """
     scale_x = 0.25 * weight / sides[0]
     scale_y = 0.25 * weight / sides[1]
     scale_z = 0.25 * weight / sides[2]
@@ -270,7 +334,20 @@ def _box_forces(sides, weight, s, fe):
 
 @compiled
 def _brick_strains(gradients, mean_gradients, ue, n, e, dilatation):
-    """Do what `strains` does, for lane n, whose element has gradients (3, 8, 8)."""
+    """Write local strains and mean dilatation of one of LANES elements of any shape.
+
+    The arrays ue, e and dilatation hold LANES elements, with the element as the last
+    index.
+
+    Args:
+        gradients: (3, 8, 8) basis gradients as [axis, corner, Gauss point], in 1/m.
+        mean_gradients: (3, 8) their volume averages, in 1/m.
+        ue: (3, 8, LANES) displacements of the corners in m, flat.
+        n: index of the element, below LANES.
+        e: (6, 8, LANES), flat: receives xx, yy, zz, xy, yz, zx (tensor shears) of this
+            element.
+        dilatation: (LANES,) receives the mean dilatation of this element.
+    """
     L = LANES
     dilatation[n] = 0.0
     for a in range(8):
@@ -302,7 +379,16 @@ def _brick_strains(gradients, mean_gradients, ue, n, e, dilatation):
 
 @compiled
 def _brick_forces(gradients, weights, s, n, fe):
-    """Do what `forces` does, for lane n, whose element has gradients (3, 8, 8)."""
+    """Write the nodal forces of the stresses in one of LANES elements of any shape.
+
+    Args:
+        gradients: (3, 8, 8) basis gradients as [axis, corner, Gauss point], in 1/m.
+        weights: (8,) volumes of the Gauss points, in m^3.
+        s: (6, 8, LANES) stresses xx, yy, zz, xy, yz, zx at the Gauss points in Pa,
+            flat.
+        n: index of the element, below LANES.
+        fe: (3, 8, LANES), flat: receives the forces on this element's corners, in N.
+    """
     L = LANES
     for a in range(8):
         fx = fy = fz = 0.0
@@ -324,12 +410,20 @@ def _brick_forces(gradients, weights, s, n, fe):
 
 @compiled
 def strains(sides, bricks, shapes, ue, derivatives, e, dilatation):
-    """Write the local strains to e and the mean dilatations to dilatation (LANES,).
+    """Write the local strains and the mean dilatations of LANES elements.
 
-    `sides` is that of `bricks`; if it is not None, all lanes have the shape of the
-    first.  It is an argument of its own because numba compiles only one of the branches
-    for an argument that is None.  `shapes` (LANES,) are the elements' indices of shape,
-    `derivatives` is scratch memory.
+    Args:
+        sides: `bricks.sides`, (shapes, 3) edge lengths in m: all elements are boxes
+            with the shape of the first; None: elements of any shape.  It is an argument
+            of its own because numba compiles only one branch for an argument that is
+            None.
+        bricks: the elements.
+        shapes: (LANES,) indices of the elements' shapes.
+        ue: (3, 8, LANES) displacements of the corners in m, flat.
+        derivatives: scratch array of 36 LANES numbers.
+        e: (6, 8, LANES), flat: receives the strains xx, yy, zz, xy, yz, zx at the Gauss
+            points.
+        dilatation: (LANES,) receives the mean dilatation of each element.
     """
     if sides is not None:
         k = shapes[0]
@@ -344,9 +438,18 @@ def strains(sides, bricks, shapes, ue, derivatives, e, dilatation):
 
 @compiled
 def forces(sides, bricks, shapes, s, fe):
-    """Write the nodal forces of the stresses s to fe; arguments as in `strains`.
+    """Write the nodal forces of the stresses in LANES elements.
 
     They are the integrals of the stresses times the gradients of the basis functions.
+
+    Args:
+        sides: `bricks.sides`, (shapes, 3) edge lengths in m: all elements are boxes
+            with the shape of the first; None: elements of any shape.
+        bricks: the elements.
+        shapes: (LANES,) indices of the elements' shapes.
+        s: (6, 8, LANES) stresses xx, yy, zz, xy, yz, zx at the Gauss points in Pa,
+            flat.
+        fe: (3, 8, LANES), flat: receives the forces on the corners, in N.
     """
     if sides is not None:
         k = shapes[0]

@@ -51,14 +51,15 @@ class PushStep(NamedTuple):
 
 
 def assemble(bricks: Elements, matrices: FloatArray) -> sp.csr_matrix:
-    """Return the sparse sum of element matrices.
+    """Return the sparse sum of element matrices, with one row per nodal component.
 
     Args:
         bricks: m elements.
-        matrices: (m, 24, 24), one for each element.
+        matrices: (m, 24, 24), one for each element, with rows 3 corner + component.
 
     Returns:
-        Rows and columns are 3 node + component.
+        (3 nodes, 3 nodes) matrix in the unit of `matrices`, with rows 3 node +
+        component.
     """
     dofs = (3 * bricks.connectivity[:, :, None] + np.arange(3)).reshape(-1, 24)
     rows = np.repeat(dofs, 24, axis=1).ravel()
@@ -74,13 +75,15 @@ def element_tangents(
     correction: TangentCorrection,
     scale: float,
 ) -> FloatArray:
-    """Return the (m, 24, 24) tangents of the elements, in N/m.
+    """Return the (m, 24, 24) consistent tangents of the elements, in N/m.
 
     Args:
         bricks: m elements.
-        stiffness: elastic and deviatoric, as from `layer_stiffness`.
-        correction: of the elements that flow.
-        scale: factor of the correction.
+        stiffness: elastic stiffness in N/m and deviatoric integrals in m of each shape
+            of element, as from `layer_stiffness`.
+        correction: consistent tangent less elastic stiffness, in the elements that
+            flow.
+        scale: factor of the correction: 1 gives the tangent, 0 the elastic stiffness.
     """
     elastic, deviatoric = stiffness
     tangents: FloatArray = elastic.reshape(-1, 576)[bricks.shape_of]
@@ -106,7 +109,7 @@ def push(
     mean_dilatation: bool = True,
     motion: Any = None,
 ) -> list[PushStep]:
-    """Push some unknowns of a body step by step.
+    """Push some unknowns of a body step by step, and return one `PushStep` per step.
 
     Each step is solved by Newton's method, whose tangent is blended with the elastic
     stiffness by a tenth of the relative residual.
@@ -117,12 +120,13 @@ def push(
         free: (n,) True for the unknowns that are solved for.
         pushed: numbers of the unknowns that are prescribed; the others are zero.
         path: value of the pushed unknowns at the end of each step, in m.
-        mean_dilatation: of the elements.
-        motion: sparse matrix that turns the unknowns into displacements; None: the
-            unknowns are the displacements 3 node + component.
+        mean_dilatation: whether the elements have mean dilatation; plain ones lock.
+        motion: (3 nodes, n) sparse matrix that turns the unknowns into displacements;
+            None: the unknowns are the displacements 3 node + component.
 
     Raises:
-        NotConverged: after `MAX_ITERATIONS`.
+        NotConverged: the relative residual of a step is above `TOLERANCE` (1e-9) after
+            `MAX_ITERATIONS` (40); the error's history holds the residuals.
     """
 
     body = _Body(bricks, law, mean_dilatation, motion)
@@ -147,7 +151,21 @@ class _Body:
     def __init__(
         self, bricks: Elements, law: J2Law, mean_dilatation: bool, motion: Any
     ) -> None:
+        """Store the body of `push`, and assemble its elastic matrices.
+
+        Args:
+            bricks: the elements.
+            law: of the material.
+            mean_dilatation: whether the elements have mean dilatation; plain ones lock.
+            motion: (3 nodes, n) sparse matrix that turns the n unknowns into
+                displacements; None: the unknowns are the displacements.
+        """
+
         def stiffness(shear_modulus: float) -> FloatArray:
+            """Return the (shapes, 24, 24) elastic stiffness of each shape, in N/m.
+
+            The bulk modulus is that of the law, and `shear_modulus` is in Pa.
+            """
             matrices = [
                 elastic_stiffness(
                     bricks,
@@ -169,13 +187,21 @@ class _Body:
             self.motion = sp.identity(self.spheric.shape[0], format="csr")
 
     def displacements(self, q: FloatArray) -> FloatArray:
-        """Return the (nodes, 3) displacements of the unknowns q, in m."""
+        """Return the body's (nodes, 3) displacements in m, from its unknowns q in m."""
         return np.asarray((self.motion @ q).reshape(-1, 3))
 
     def tangent(
         self, q: FloatArray, history: History, flowing: NDArray[np.bool_], scale: float
     ) -> sp.csc_matrix:
-        """Return the stiffness of the unknowns, with `scale` times the correction."""
+        """Return the (n, n) sparse tangent stiffness of the body's unknowns, in N/m.
+
+        Args:
+            q: (n,) unknowns, in m.
+            history: of the elements before the step.
+            flowing: (m,) True for the elements that flow.
+            scale: factor of the plastic correction: 1 gives the consistent tangent, 0
+                the elastic stiffness.
+        """
         correction = plasticity.tangent_correction(
             self.displacements(q), self.bricks, self.shear_law, history, flowing
         )
@@ -189,9 +215,20 @@ class _Body:
         free: NDArray[np.bool_],
         history: History,
     ) -> tuple[PushStep, NDArray[np.bool_]]:
-        """Solve a step from the unknowns q, and return the elements that flow, too.
+        """Solve one step of the body by Newton's method.
 
-        `change` is that of the pushed unknowns, in m.
+        Args:
+            q: (n,) unknowns before the step, in m; they are not changed.
+            change: (n,) change of the pushed unknowns in m, 0 for the others.
+            free: (n,) True for the unknowns that are solved for.
+            history: of the elements before the step.
+
+        Returns:
+            The step, and (m,) True for the elements that flow.
+
+        Raises:
+            NotConverged: the relative residual is above `TOLERANCE` (1e-9) after
+                `MAX_ITERATIONS` (40).
         """
         residuals: list[float] = []
         for iteration in range(MAX_ITERATIONS + 1):

@@ -64,7 +64,10 @@ class Factor:
 
     @property
     def surface(self) -> FloatArray:
-        """(nx // 2 + 1, ny) normal displacement of the top per nodal force, in m/N."""
+        """Normal displacement of the block's top per nodal force of each wave, in m/N.
+
+        The shape is (nx // 2 + 1, ny): half of the spectrum along x.
+        """
         nx, ny = self.shape
         return self.compliances[0, :, 2].reshape(nx // 2 + 1, ny)
 
@@ -75,10 +78,13 @@ def factorise(
     """Factorise the elastic stiffness of a flat block wave by wave.
 
     Args:
-        block: the block.
-        flat: its elements with a flat top.
-        law: of which the elastic moduli count.
+        block: the periodic block.
+        flat: its elements with a flat top, one shape per layer.
+        law: of the material, whose two elastic moduli are used.
         workers: threads that share the work, here and in all later solves.
+
+    Returns:
+        The factor, with which `eliminate` and `substitute` solve exactly.
     """
     nx, ny = block.shape
     nz = len(block.layers)
@@ -97,6 +103,10 @@ def factorise(
         S[nz][:, [0, 1, 3]] = inverse[:, [0, 1, 0], [0, 1, 1]]
 
     def eliminate_levels(ranges: NDArray[np.int64]) -> None:
+        """Write the compliances S and the couplings C of some waves, from the base up.
+
+        `ranges` (r, 2) holds the first wave and the stop wave of consecutive ranges.
+        """
         part = slice(ranges[0, 0], ranges[-1, 1])
         for k in range(nz - 1, -1, -1):
             top, coupling, _ = stencils[k]
@@ -111,7 +121,11 @@ def factorise(
 
 
 def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
-    """Return (waves, 9) cosines and sines of the phases of a node's neighbours."""
+    """Return cosines and sines of the phases between a node and its neighbours.
+
+    Both are (waves, 9): wave q_x ny + q_y of the (nx // 2 + 1) ny waves of a grid with
+    (nx, ny) nodes, and offset 3 (dx + 1) + dy + 1 with dx, dy = -1, 0, 1.
+    """
     angle_x = 2 * np.pi * np.arange(nx // 2 + 1) / nx
     angle_y = 2 * np.pi * np.arange(ny) / ny
     offset_x = np.repeat([-1, 0, 1], 3)
@@ -122,10 +136,15 @@ def _phases(nx: int, ny: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _stencils(stiffness: FloatArray) -> FloatArray:
-    """Return the stencils of one layer from its (24, 24) element stiffness.
+    """Return the stencils of one layer of equal elements, in N/m.
 
-    They are (3, 9 offsets, 3, 3): top level with itself, top with bottom, and bottom
-    with itself.
+    Args:
+        stiffness: (24, 24) of one element in N/m, with rows 3 corner + component.
+
+    Returns:
+        (3, 9, 3, 3): the top level with itself, top with bottom, and bottom with
+        itself; then the neighbour at offset 3 (dx + 1) + dy + 1, and the components of
+        force and displacement.
     """
     K = stiffness.reshape(8, 3, 8, 3)
     stencils = np.zeros((3, 9, 3, 3))
@@ -139,9 +158,17 @@ def _stencils(stiffness: FloatArray) -> FloatArray:
 
 @compiled
 def _symbol(stencil, cosines, sines):
-    """Return (waves, 9) the real transform of a stencil (9 offsets, 3, 3).
+    """Return the real lateral Fourier transform of a stencil, for each wave.
 
     It is real because u_z is replaced by i u_z.
+
+    Args:
+        stencil: (9, 3, 3) stiffness between a node and its nine neighbours, in N/m.
+        cosines: (waves, 9) of the phases from `_phases`.
+        sines: (waves, 9) of these phases.
+
+    Returns:
+        (waves, 9) 3 x 3 matrices row by row, in N/m.
     """
     symbol = np.zeros(cosines.shape)
     for q in range(symbol.shape[0]):
@@ -161,7 +188,10 @@ def _symbol(stencil, cosines, sines):
 
 @inlined
 def _times_symmetric(s, x, y, z):
-    """Return a symmetric matrix (xx, yy, zz, xy, yz, zx) times a vector."""
+    """Return a symmetric 3 x 3 matrix times the vector (x, y, z), as three numbers.
+
+    `s` holds the six entries xx, yy, zz, xy, yz, zx of the matrix.
+    """
     return (
         s[0] * x + s[3] * y + s[5] * z,
         s[3] * x + s[1] * y + s[4] * z,
@@ -171,7 +201,16 @@ def _times_symmetric(s, x, y, z):
 
 @njit(**OPTIONS)
 def _eliminate(A, C, below, S):
-    """Write (A - C below C^T)^-1 to S, for every wave."""
+    """Write (A - C below C^T)^-1 of each wave to S: the compliance of a level.
+
+    3 x 3 matrices have nine entries row by row, symmetric ones xx, yy, zz, xy, yz, zx.
+
+    Args:
+        A: (waves, 9) stiffness of the level with itself, in N/m.
+        C: (waves, 9) stiffness between the level and the next one below, in N/m.
+        below: (waves, 6) compliance of the level below, in m/N.
+        S: (waves, 6) receives the compliance, in m/N.
+    """
     D = np.empty((3, 3))
     for q in range(A.shape[0]):
         c = C[q]
@@ -204,7 +243,14 @@ def _eliminate(A, C, below, S):
 
 @compiled
 def _sweep_up(f, S, C, waves):
-    """Eliminate the forces f (levels, waves, 3) from the lowest level to the top."""
+    """Eliminate the forces of all levels below the top, from the lowest up, in place.
+
+    Args:
+        f: (levels, waves, 3) transformed forces in N, which are changed.
+        S: (levels, waves, 6) compliances of the levels, in m/N.
+        C: (levels - 1, waves, 9) couplings of neighbouring levels, in N/m.
+        waves: (r, 2) first wave and stop wave of consecutive ranges.
+    """
     for k in range(f.shape[0] - 2, -1, -1):
         for q in range(waves[0, 0], waves[-1, 1]):
             c = C[k, q]
@@ -217,7 +263,14 @@ def _sweep_up(f, S, C, waves):
 
 @compiled
 def _sweep_down(f, S, C, waves):
-    """Turn eliminated forces f into displacements, from the top to the lowest level."""
+    """Turn eliminated forces into displacements, from the top level down, in place.
+
+    Args:
+        f: (levels, waves, 3) eliminated forces in N; receives the displacements in m.
+        S: (levels, waves, 6) compliances of the levels, in m/N.
+        C: (levels - 1, waves, 9) couplings of neighbouring levels, in N/m.
+        waves: (r, 2) first wave and stop wave of consecutive ranges.
+    """
     for k in range(f.shape[0]):
         for q in range(waves[0, 0], waves[-1, 1]):
             fx = f[k, q, 0]
@@ -239,9 +292,14 @@ def _sweep_down(f, S, C, waves):
 
 @compiled
 def _sweep_below(level, S, C, u, waves):
-    """Write the displacements below a given level (waves, 3) to u, down to the base.
+    """Write the displacements of the levels below a given one, where no force acts.
 
-    No force acts there.
+    Args:
+        level: (waves, 3) transformed displacement of the given level, in m.
+        S: (levels, waves, 6) compliances of the levels below it, in m/N.
+        C: (levels, waves, 9) coupling of each of them to the level above, in N/m.
+        u: (levels, waves, 3) receives their displacements, in m.
+        waves: (r, 2) first wave and stop wave of consecutive ranges.
     """
     for k in range(u.shape[0]):
         for q in range(waves[0, 0], waves[-1, 1]):
@@ -267,11 +325,11 @@ def transform(field: FloatArray, workers: Workers = SERIAL) -> ComplexArray:
     """Return the lateral Fourier transform of a field.
 
     Args:
-        field: (levels, nx, ny, 3) of the block or (nx, ny) of its surface.
+        field: (levels, nx, ny, 3) of the block or (nx, ny) of its surface, in any unit.
         workers: threads that share the levels.
 
     Returns:
-        (levels, nx // 2 + 1, ny, 3) or (nx // 2 + 1, ny).
+        Complex (levels, nx // 2 + 1, ny, 3) or (nx // 2 + 1, ny), not normalised.
     """
     if field.ndim == 2:
         surface: ComplexArray = ducc0.fft.r2c(field, axes=(1, 0), nthreads=1)
@@ -280,6 +338,7 @@ def transform(field: FloatArray, workers: Workers = SERIAL) -> ComplexArray:
     spectrum = np.empty((levels, nx // 2 + 1, ny, 3), dtype=complex)
 
     def transform_levels(ranges: NDArray[np.int64]) -> None:
+        """Write the transforms of the levels in `ranges` (r, 2) to `spectrum`."""
         for first, stop in ranges:
             part = spectrum[first:stop]
             ducc0.fft.r2c(field[first:stop], axes=(2, 1), out=part, nthreads=1)
@@ -291,12 +350,18 @@ def transform(field: FloatArray, workers: Workers = SERIAL) -> ComplexArray:
 def inverse_transform(
     spectrum: ComplexArray, nx: int, workers: Workers = SERIAL
 ) -> FloatArray:
-    """Return the inverse of `transform`; it may overwrite the spectrum of a block.
+    """Return the real field of a spectrum of `transform`.
+
+    The spectrum of a block may be overwritten.
 
     Args:
-        spectrum: as `transform` returns it.
+        spectrum: (levels, nx // 2 + 1, ny, 3) of a block or (nx // 2 + 1, ny) of a
+            surface.
         nx: number of nodes along x.
         workers: threads that share the levels.
+
+    Returns:
+        (levels, nx, ny, 3) or (nx, ny).
     """
     options = {"lastsize": nx, "forward": False, "inorm": 2, "nthreads": 1}
     if spectrum.ndim == 2:
@@ -306,6 +371,7 @@ def inverse_transform(
     field = np.empty((levels, nx, ny, 3))
 
     def transform_levels(ranges: NDArray[np.int64]) -> None:
+        """Write the fields of the levels in `ranges` (r, 2) to `field`."""
         for first, stop in ranges:
             ducc0.fft.c2r(
                 spectrum[first:stop],
@@ -322,10 +388,15 @@ def inverse_transform(
 def _run_by_levels(
     workers: Workers, task: Callable[[NDArray[np.int64]], None], shape: tuple[int, ...]
 ) -> None:
-    """Call `task` with ranges of levels of a field of this shape.
+    """Call `task` with ranges of levels of a field, in several threads.
 
     The ranges are the same on any number of threads, because other ranges would change
     the rounding.
+
+    Args:
+        workers: the threads.
+        task: called with (r, 2) first level and stop level of ranges.
+        shape: (levels, nx, ny, 3) of the field.
     """
     nodes = shape[1] * shape[2]
     levels_per_range = max(1, _NODES_PER_TRANSFORM // nodes)
@@ -333,20 +404,25 @@ def _run_by_levels(
 
 
 def _run_by_waves(factor: Factor, task: Callable[[NDArray[np.int64]], Any]) -> None:
-    """Call `task` with ranges of waves."""
+    """Call `task` with ranges of waves, in the threads of the factor.
+
+    Args:
+        factor: of the block, with the number of waves and the threads.
+        task: called with (r, 2) first wave and stop wave of consecutive ranges.
+    """
     waves = factor.compliances.shape[1]
     factor.workers.run(task, split_range(waves, _WAVES_PER_RANGE))
 
 
 def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
-    """Return transformed forces after the sweep up.
+    """Return the transformed forces after the elimination from the base to the top.
 
     Args:
         factor: of the block.
         force: (levels, nx, ny, 3) on the upper levels, in N; no force acts below.
 
     Returns:
-        (levels, nx // 2 + 1, ny, 3), for `top_descent` and `substitute`.
+        Complex (levels, nx // 2 + 1, ny, 3) in N, for `top_descent` and `substitute`.
     """
     spectrum = transform(force, factor.workers)
     waves = spectrum.reshape(len(spectrum), -1, 3)
@@ -357,7 +433,12 @@ def eliminate(factor: Factor, force: FloatArray) -> ComplexArray:
 
 
 def top_descent(factor: Factor, eliminated: ComplexArray) -> FloatArray:
-    """Return the (nx, ny) descent of the top under eliminated forces, in m."""
+    """Return the (nx, ny) descent of the top in m, under eliminated forces.
+
+    Args:
+        factor: of the block.
+        eliminated: complex (levels, nx // 2 + 1, ny, 3) forces from `eliminate`, in N.
+    """
     s = factor.compliances[0].T
     x, y, z = eliminated[0].reshape(-1, 3).T
     upward = 1j * (s[5] * x + s[4] * y + s[2] * (-1j * z))
@@ -372,11 +453,12 @@ def substitute(
 
     Args:
         factor: of the block.
-        eliminated: forces after `eliminate`, which are overwritten.
+        eliminated: complex (levels, nx // 2 + 1, ny, 3) forces from `eliminate` in N,
+            which are overwritten.
         contact_forces: (nx, ny) downward on the top, in N.
 
     Returns:
-        (levels, nx, ny, 3) in m.
+        (levels, nx, ny, 3) displacements of the upper levels, in m.
     """
     eliminated[0, :, :, 2] -= transform(contact_forces)
     waves = eliminated.reshape(len(eliminated), -1, 3)
