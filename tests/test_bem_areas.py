@@ -35,17 +35,23 @@ wave = rim.wave
 
 
 def solved(heights, load, hardness=math.inf, periods=None):
-    """Return the areas (raw, corrected, error) of a solution with E* = 1."""
+    """Return the areas (raw, corrected, error) of a contact with E* = 1, as fractions.
+
+    `heights` are on a period of 1 if no `periods` are given; `load` is the mean
+    pressure, and `hardness` the largest pressure, in units of E*.
+    """
     return estimate_areas(*solution(heights, load, hardness, periods))
 
 
 def parts(areas, part):
-    """Return a part of each of several areas."""
+    """Return one field of each of several `Areas`: "total", "plastic" or "elastic"."""
     return [getattr(one, part) for one in areas]
 
 
 def shifts(count, seed, dimensions=2):
-    """Return random shifts of a grid, in spacings or periods."""
+    """Return `count` random shifts of a grid in spacings, as an array (count,
+    dimensions).
+    """
     return np.random.default_rng(seed).uniform(size=(count, dimensions))
 
 
@@ -56,23 +62,45 @@ def coordinates(shape, shift=(0.0, 0.0)):
 
 
 def bowl(shape, shift):
+    """Return the heights of a paraboloid of radius 1 at the middle of a unit period.
+
+    `shape` is (nx, ny), and `shift` moves the grid by fractions of a spacing along x
+    and y.
+    """
     x, y = coordinates(shape, shift)
     return -((x - 0.5) ** 2 + (y - 0.5) ** 2) / 2
 
 
 def egg_box(n, shift):
+    """Return n x n heights (cos 2 pi x + cos 2 pi y)/2, on a grid shifted by `shift`
+    spacings.
+    """
     x, y = coordinates((n, n), shift)
     return (np.cos(2 * np.pi * x) + np.cos(2 * np.pi * y)) / 2
 
 
 def rough(n, seed):
+    """Return n x n self-affine heights on a unit period, with 1 to 16 waves and rms
+    slope 1.
+
+    The waves do not depend on n: finer grids refine the surface of a `seed`.
+    """
     spectrum = SelfAffineSpectrum(0.8, 2 * np.pi, 4 * np.pi, 32 * np.pi, 1.0)
     return SelfAffine(spectrum, (1.0, 1.0), (n, n), seed).build().heights
 
 
 def test_offsets_of_straight_fronts():
     # The integrand is 1/3 at 0, where its terms cancel.
+    """The constants of the correction for straight fronts are those of their integrals.
+
+    A front is the boundary line between contact and gap. Its offset (in spacings) is
+    how far the counted contact lies outside of the exact one.
+    """
+
     def integrand(t):
+        """Return the integrand of the offset of a front along an axis, at the angle t
+        in rad.
+        """
         return (1 / t - 1 / math.tan(t)) / math.tan(t)
 
     integral = quad(integrand, 1e-3, math.pi / 2)[0] + 1e-3 / 3
@@ -88,6 +116,9 @@ def test_offsets_of_straight_fronts():
 
 
 def test_what_counts_have_too_much_is_that_of_all_directions():
+    """COUNTED is the mean offset of fronts over all directions, and POINTS is the
+    variance of counting lattice points, from their lattice sum.
+    """
     angles = (np.arange(8) + 0.5) * math.pi / 32
     mean = np.mean([rim.front_offset(angle, points=200_000) for angle in angles])
     assert mean == pytest.approx(rim_correction.COUNTED, abs=1e-3)
@@ -105,6 +136,12 @@ CAP = [0.303, 0.234, 0.054, -2.306, -2.178, -2.2]
 
 
 def test_a_resolved_front_is_free_and_nearly_certain():
+    """A front through smooth pressures and gaps lies between points, within 0.02
+    spacings.
+
+    A front that falls on a point is as uncertain as others are. The six numbers are
+    pressures (negative: gaps) across the front, scaled alike.
+    """
     link = rim.link_of([2.6, 2.0, 1.0, -0.5, -2.0, -4.0])
     assert 0.5 < link.position < 1
     assert (link.pinned, link.hidden_width, link.at_kink) == (0, 0, 0)
@@ -115,7 +152,12 @@ def test_a_resolved_front_is_free_and_nearly_certain():
 
 
 def test_a_step_pins_a_front():
-    """The pressure rises towards an edge, and the gap jumps."""
+    """A front at a step of the heights is pinned at half a spacing.
+
+    There the pressure rises towards the edge, and the gap jumps. Two points with
+    pressure may be a crest, and a steep flank beside plastic points has no jump: both
+    are not pinned.
+    """
     for v in (STEP, CAP):
         assert rim.link_of(v)[:6] == (0.5, 0, 1, 0, 0, 0)
     assert rim.link_of([-1.0, *CAP[1:]]).pinned == 0  # two points may be a crest
@@ -129,7 +171,12 @@ def test_a_step_pins_a_front():
     ("v", "width"), [(STEP, (math.pi / 8) ** 2), (KINK, 3 ** (-2.5 / 0.4))]
 )
 def test_an_edge_hides_a_plastic_zone(v, width):
-    """Of six pressures across a rim (negative ones: gaps), in spacings, under a cap."""
+    """At an edge the singular pressure hides a plastic zone of the given `width`
+    (spacings).
+
+    `v` holds six pressures across a rim (negative ones: gaps), under a cap of 4. A
+    pressure that rises ever more slowly towards the rim has no edge and hides nothing.
+    """
     assert rim.link_of(v, 4.0).hidden_width == pytest.approx(width)
     # Here the pressure rises ever more slowly towards the rim: there is no edge.
     smooth = rim.link_of([0.2, 1.0, 1.5, -3.0, -6.0, -9.0], 2.0)
@@ -140,7 +187,11 @@ def test_an_edge_hides_a_plastic_zone(v, width):
     ("gaps", "away"), [((3, 6, 9), 1), ((1, 4, 9), 1), ((3, 7, 11), 3 / 4)]
 )
 def test_gaps_that_close_before_a_kink_have_a_front_there(gaps, away):
-    """A gap that closes a spacing or more before its first point pins the front."""
+    """Gaps (in spacings) that close before their first point pin the front at a kink.
+
+    `away` is the distance in spacings from the first gap at which the gaps vanish; a
+    full spacing pins the front at half a spacing, as a step does.
+    """
     link = rim.link_of([*KINK[:3], *(-gap for gap in gaps)])
     if away == 1:
         assert (link.position, link.pinned, link.at_kink) == (0.5, 1, 0)
@@ -163,7 +214,13 @@ def test_gaps_that_close_before_a_kink_have_a_front_there(gaps, away):
     ],
 )
 def test_hertz_over_shifts_of_the_grid(points, aspect, count, each, mean):
-    """Of higher than second order on square cells; the raw count is .7 to 6 % off."""
+    """The corrected area of a sphere is within its error estimate, at each shift of the
+    grid.
+
+    `points` are those along the contact radius and `aspect` is that of the cells; over
+    `count` shifts the relative errors stay below `each`, and their mean below `mean`.
+    The raw count is 0.7 to 6 % off; on square cells the order is higher than second.
+    """
     shape = tuple(2 * round(points / 0.3 * aspect**power) for power in (-0.5, 0.5))
     radius = points / (2 * round(points / 0.3))
     force = 4 / 3 * radius**3
@@ -180,9 +237,12 @@ def test_hertz_over_shifts_of_the_grid(points, aspect, count, each, mean):
 
 @pytest.mark.parametrize("hardness", [0.095, 0.1, 0.105, 0.11, 0.115])
 def test_strips_around_a_plastic_core(hardness):
-    """The inner front of these strips of .8 to 2.4 spacings is less steep than the
-    outer one: by the slope of one front alone the contact is .008 of a spacing too
-    large.
+    """Mean areas of a sphere whose plastic core is 0.8 to 2.4 spacings from its rim are
+    right.
+
+    The inner front of these elastic strips is less steep than the outer one: by the
+    slope of one front alone the contact is 0.008 of a spacing too large. `hardness` is
+    in units of E*.
     """
     force = 4 / 3 / 64
     exact = solved(bowl((512, 512), (0.3, 0.4)), force, hardness)[1]
@@ -198,8 +258,11 @@ def test_strips_around_a_plastic_core(hardness):
     ("hardness", "most"), [(0.4, 0.05), (0.9, 0.05), (1.3, 0.3), (1.6, 0.3), (2, 0.3)]
 )
 def test_plastic_strips_of_any_width_on_a_line(hardness, most):
-    """Two fronts beside strips of 0 to 2.4 spacings are right by .3 spacings, or by .05
-    where the load tells all about them.
+    """Areas with two fronts beside strips of 0 to 2.4 spacings are right by `most`
+    spacings.
+
+    `hardness` is in units of E*; the bound is 0.05 spacings where the load determines
+    the area.
     """
     n = 64
     load = 0.487 * hardness  # no number of points at the hardness carries it
@@ -216,10 +279,14 @@ def test_plastic_strips_of_any_width_on_a_line(hardness, most):
     [(0.5, 0.08, 0.03, 9), (2, 0.18, 0.09, 2), (20, 0.18, 0.006, 1)],
 )
 def test_what_is_cut_away_outside_a_contact_does_not_change_it(slope, near, far, times):
-    """A wave with edges .05 to 2.5 spacings outside its contact, beyond which it falls,
-    has the contact of the complete wave.  The cubic through the gap is .6 spacings off.
-    The pressures do not show an edge as gentle as the wave itself: the front is hardly
-    off, but by up to nine error estimates.
+    """A wave that falls steeply outside of its contact has the contact of the complete
+    wave.
+
+    The edges lie 0.05 to 2.5 spacings outside. `slope` is that of the flank beyond
+    them; the contact is off by less than `near` (edges within 0.1 spacings) or `far`
+    spacings a front, and by less than `times` error estimates. The pressures do not
+    show an edge as gentle as the wave itself: the front is hardly off, but by up to
+    nine error estimates.
     """
     n = 64
     fraction = 0.6
@@ -236,8 +303,10 @@ def test_what_is_cut_away_outside_a_contact_does_not_change_it(slope, near, far,
 
 @pytest.mark.parametrize("fraction", [0.5, 0.9, 0.98, 0.995, 0.999, 0.9999])
 def test_gaps_in_a_contact_that_is_nearly_full(fraction):
-    """A gap may fit between points that all touch: no error of 0 is claimed, unless the
-    pressure says that there is no gap.
+    """Near full contact the error estimate covers gaps that may fit between points.
+
+    `fraction` is the load over that of full contact (pi on a line or an egg box of E* =
+    1). No error of 0 is claimed, unless the pressure excludes a gap.
     """
     load = fraction * math.pi
     n = 16
@@ -255,6 +324,7 @@ def test_gaps_in_a_contact_that_is_nearly_full(fraction):
 
 
 def test_full_contact_with_pressure_to_spare_is_certain():
+    """At 1.2 times the load of full contact the error estimate is 0."""
     assert solved(egg_box(16, (0.3, 0.6)), 1.2 * math.pi)[2].total == 0
 
 
@@ -264,7 +334,10 @@ def from_middle(n, shift=0.0):
 
 
 def plateau(n, slope):
-    """Return a round plateau with straight flanks, or with a step for slope inf."""
+    """Return n x n heights of a round plateau of radius 0.25 with flanks of a slope.
+
+    For slope inf its edge is a step of 0.5.
+    """
     x, y = coordinates((n, n))
     beyond = np.hypot(x - 0.503, y - 0.4988) - 0.25
     if slope == math.inf:
@@ -273,26 +346,38 @@ def plateau(n, slope):
 
 
 def flat_wedge(n):
+    """Return n heights of a flat of half-width 0.2, beyond which straight
+    flanks fall.
+    """
     return -np.maximum(from_middle(n, 0.3 * n / 96) - 0.2, 0)
 
 
 def groove(n):
+    """Return n heights that rise with the slope 0.2 from the bottom of a
+    sharp groove.
+    """
     return 0.2 * from_middle(n, -0.3 * n / 32)
 
 
 def crest(n):
+    """Return n heights of a sharp crest with flanks of the slope 0.2."""
     return -groove(n)
 
 
 def disc(n):
+    """Return n x n heights of a flat disc that ends with a step."""
     return plateau(n, math.inf)
 
 
 def truncated_cone(n):
+    """Return n x n heights of a flat disc with flanks of the slope 0.5."""
     return plateau(n, 0.5)
 
 
 def oblique_groove(n):
+    """Return n x n heights of a sharp groove along the diagonal of the grid, of slope
+    sqrt 2.
+    """
     x, y = coordinates((n, n))
     return abs((x + y + 0.5 + 0.25 / 32) % 1 - 0.5)
 
@@ -304,6 +389,7 @@ def dome(n):
 
 
 def cone(n):
+    """Return n x n heights of a cone of slope 0.5, whose tip lies between points."""
     x, y = coordinates((n, n))
     centre = 0.5 - 0.3 / 24
     return -0.5 * np.hypot(x - centre, y - centre)
@@ -325,7 +411,13 @@ def cone(n):
 def test_edges_and_what_no_point_shows(  # noqa: PLR0917 - a row of a table
     heights, load, hardness, n, finer, part, largest_error, count
 ):
-    """count: what counting points makes of this part, None if it is not of interest."""
+    """Areas at edges and tips are within their errors of those of a finer grid.
+
+    `heights(n)` are those of n points along an axis; the exact area is that of `finer`
+    times as many points; `part` is the area compared; the error estimate is less than
+    `largest_error`; `count` is the raw value of this part, None if it is not of
+    interest.
+    """
     exact = getattr(solved(heights(finer * n), load, hardness)[1], part)
     raw, corrected, error = parts(solved(heights(n), load, hardness), part)
     assert abs(corrected - exact) <= error < largest_error
@@ -335,7 +427,10 @@ def test_edges_and_what_no_point_shows(  # noqa: PLR0917 - a row of a table
 
 @pytest.mark.parametrize("width", [0.1, 0.3, 0.6, 1.0, 1.4])
 def test_a_crease_narrower_than_a_spacing_is_exact(width):
-    """Parabolas that meet at a kink have p = c - k ln(2 sin(pi s)) in full contact, and
+    """Zones at a kink (`width` spacings wide) are exact by the closed form, at any
+    shift.
+
+    Parabolas that meet at a kink have p = c - k ln(2 sin(pi s)) in full contact, and
     beside a capped ridge of half-width b, H - k arccosh(sin(pi s)/sin(pi b)), wherever
     the points are.
     """
@@ -360,6 +455,11 @@ def test_a_crease_narrower_than_a_spacing_is_exact(width):
 @pytest.mark.parametrize("fraction", [0.02, 0.1, 0.3, 0.6, 0.9])
 @pytest.mark.parametrize("width", [0.2, 0.4, 0.6, 0.75])
 def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fraction, width):
+    """The width that unloading opens at an edge agrees with the continuum to 2 %.
+
+    `width` is that of the plastic zone at the edge in spacings, and `fraction` the
+    fraction of the load that is taken off.
+    """
     strip = front.strip_width.py_func(width)
     # The strip is that whose link between points has the steepness of 1/width.
     steepness = 1 + (math.acosh(1 / strip) - math.sqrt(1 - strip**2)) / math.e
@@ -368,6 +468,9 @@ def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fraction, w
     a = strip * np.sin(np.pi / 2 * (np.arange(4096) + 0.5) / 4096) ** 2
 
     def lacking(x):
+        """Return the intensity of pressure released within x spacings, minus that of
+        the fraction.
+        """
         intensity = 2 / np.pi * np.mean(np.sqrt(np.maximum(x - a, 0)))
         return intensity - fraction * math.sqrt(math.e) / math.pi
 
@@ -378,8 +481,11 @@ def test_what_unloading_releases_at_an_edge_is_that_of_the_continuum(fraction, w
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", sorted({*area_bank.KINDS} - {"rounded"}))
 def test_refinement_makes_no_claim_less_true(kind, seed):
-    """On n, 2n, 4n points against 8n no error exceeds 2.5 deviations and the coarser
-    one.
+    """Errors over their estimates do not grow as the grid is refined, or stay below
+    1.5.
+
+    `kind` is a family of random surfaces in the bank of scenes. Areas on n, 2n and 4n
+    points are compared with those on 8n.
     """
     scene = area_bank.scene(kind, seed, 48)
     _, exact, doubt = area_bank.estimated(*scene.solved(8))
@@ -397,7 +503,12 @@ def test_refinement_makes_no_claim_less_true(kind, seed):
     ("hardness", "before"), [(0.3, 0.0332), (0.6, 0.05), (0.3, 0.14)]
 )
 def test_areas_after_unloading_are_those_of_finer_grids(hardness, before, fall):
-    """A small fall moves no front."""
+    """Contact areas after unloading are within their errors of those of a 16 times
+    finer grid.
+
+    `before` is the largest load and `hardness` the largest pressure, in units of E*;
+    `fall` is the fraction of the load taken off. A small fall moves no front.
+    """
     after = (1 - fall) * before
     exact = unloaded(16 * 64, hardness, before, after)[1].total
     for factor, most in ((1, 0.03), (2, 0.006), (4, 0.006)):
@@ -407,7 +518,11 @@ def test_areas_after_unloading_are_those_of_finer_grids(hardness, before, fall):
 
 
 def unloaded(n, hardness, before, after):
-    """Return the areas of roughness at `after`, once it has been loaded to `before`."""
+    """Return the areas (raw, corrected, error) of n x n roughness at the load `after`.
+
+    The surface was loaded to `before` first; loads and `hardness` are in units of E* =
+    1.
+    """
     material = Material(1.0, 0.0, hardness=hardness)
     surface = Surface(rough(n, 5), (1.0, 1.0))
     result = bem.solve(Scene(surface, material, Load((before, after))))
@@ -419,12 +534,16 @@ def unloaded(n, hardness, before, after):
 
 @pytest.fixture(scope="module")
 def capped():
-    """A solution with all three states."""
+    """Return (pressures, gaps, hardness, spacings, E*) of a contact with all three
+    states.
+    """
     return solution(rough(64, 5), 0.1, 0.6)
 
 
 def test_particle_hole_partner(capped):
-    """h -> -h, p0 -> hardness - p0 turns contact into what is not plastic, exactly."""
+    """The map h -> -h, p0 -> hardness - p0 exchanges plastic area and non-contact
+    exactly.
+    """
     p, g, hardness, spacing, _ = capped
     expected = estimate_areas(*capped)
     mirrored = estimate_areas(hardness - p, -g, hardness, spacing, 1.0)
@@ -440,10 +559,14 @@ def test_particle_hole_partner(capped):
 
 
 def rolled(field):
+    """Return the field shifted by 5 and 17 points around its periodic edges."""
     return np.roll(field, (5, 17), (0, 1))
 
 
 def test_symmetries_and_units(capped):
+    """Areas do not change if fields are mirrored, exchanged, shifted, scaled or
+    big-endian.
+    """
     p, g, hardness, spacing, _ = capped
     expected = estimate_areas(*capped)
     micron = (1e-6 / 64, 1e-6 / 64)
@@ -460,6 +583,9 @@ def test_symmetries_and_units(capped):
 
 
 def test_axes_of_oblong_cells_of_a_surface_that_has_flowed_may_be_exchanged(capped):
+    """Areas after flow do not change when x and y are exchanged, on cells of 1/64 x
+    1/32.
+    """
     p, g, hardness, _, _ = capped
     fields = [np.maximum(p - hardness / 4, 0), abs(g), np.maximum(-g, 0)]
     p, g, flowed = (field[:, ::2] for field in fields)
@@ -470,12 +596,15 @@ def test_axes_of_oblong_cells_of_a_surface_that_has_flowed_may_be_exchanged(capp
 
 
 def test_an_elastic_body_has_no_plastic_area():
+    """Without a hardness the plastic area and its error estimate are 0."""
     _, corrected, error = solved(rough(64, 5), 0.1)
     assert corrected.plastic == error.plastic == 0 < error.elastic == error.total
 
 
 def noise():
-    """Return a solution with earlier flow and as many fronts as there can be."""
+    """Return the arguments of `sums_of_fronts` for noise after flow, with fronts
+    everywhere.
+    """
     limits = (-1, -1, -1), (2, 1, 1)
     fields = np.random.default_rng(5).uniform(*limits, (150, 90, 3)).clip(0, 1)
     p, g, lowered = fields.T
@@ -485,6 +614,11 @@ def noise():
 
 @pytest.mark.parametrize("noisy", [False, True])
 def test_blocks_do_not_change_the_sums(capped, noisy, monkeypatch):
+    """Sums over small blocks equal those of one block, to the bit on any number of
+    threads.
+
+    `noisy` takes noise after flow instead of a rough contact.
+    """
     solution = noise() if noisy else (*capped, 1, None)
     expected = rim_correction.sums_of_fronts(*solution)[0]
     monkeypatch.setattr(rim_correction, "_ROWS", 7)
@@ -527,6 +661,11 @@ POINTS = (8, 8)
     ],
 )
 def test_areas_of_what_is_no_solution(changed, sentence):
+    """Fields and numbers that are no solution raise `InvalidScene`.
+
+    `changed` replaces arguments of a valid call, and `sentence` is a part of the
+    message.
+    """
     valid = {
         "pressure": np.zeros(POINTS),
         "gap": np.ones(POINTS),
@@ -544,7 +683,12 @@ def test_areas_of_what_is_no_solution(changed, sentence):
 def test_corrected_areas_can_carry_the_load_however_little_is_resolved(
     load, hardness, shape
 ):
-    """White noise shows no rim: bounds, not estimates, are left."""
+    """On white noise, corrected areas lie between bounds that follow from the load
+    alone.
+
+    White noise shows no rim: bounds, not estimates, are left. `load` is a fraction of
+    the hardness (Pa) or, without a hardness, of 1e9 Pa.
+    """
     heights = 1e-6 * np.random.default_rng(11).standard_normal(shape)
     surface = Surface(heights, (1e-3,) * len(shape))
     pressure = load * (hardness if np.isfinite(hardness) else 1e9)
@@ -568,7 +712,10 @@ def test_corrected_areas_can_carry_the_load_however_little_is_resolved(
 
 @pytest.mark.parametrize("kind", ["bonded_layer", "sliding_layer"])
 def test_claims_hold_on_a_layer_thinner_than_a_spacing(kind):
-    """Its rim is not that of a half-space, so that areas are off by what the correction
+    """Error estimates hold on a layer that is 0.6 spacings deep, and are no five times
+    too large.
+
+    The rim on such a layer is not that of a half-space, so that the correction itself
     is off.
     """
     k = 2 * math.pi
@@ -588,6 +735,9 @@ def test_claims_hold_on_a_layer_thinner_than_a_spacing(kind):
 
 
 def test_how_many_copies_a_grid_holds():
+    """`copies` counts equal periods inside of a pressure field, despite
+    noise of 5 %.
+    """
     cell = np.random.default_rng(5).uniform(size=(6, 10))
     tiled = np.tile(cell, (2, 2))
     noise = np.random.default_rng(6).uniform(-1, 1, tiled.shape)
@@ -611,7 +761,12 @@ def test_how_many_copies_a_grid_holds():
 @pytest.mark.parametrize("capped", [False, True])
 @pytest.mark.parametrize("n", [1024, 2048, 4096])
 def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
-    """A systematic error shows on large surfaces, where random errors are small."""
+    """Areas of the paper's surface on n x n points are within errors of those on 16384
+    x 16384.
+
+    A systematic error shows on large surfaces, where random errors are small. `capped`
+    adds the hardness of 150 GPa.
+    """
     name = f"paper-16384-64-{'elastoplastic' if capped else 'elastic'}-bem.json"
     finest = json.loads((KEPT / name).read_text())["areas"]["corrected"]
     spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, rms_slope=1.0)
@@ -625,7 +780,12 @@ def test_areas_of_the_paper_are_those_of_its_finest_grid(n, capped):
 
 
 def test_narrow_strips_are_as_uncertain_as_a_contact_without_plastic_points():
-    """The elastic area is not certain because both fronts of a strip move together."""
+    """The elastic area is not more certain than the contact: the fronts of a strip move
+    together.
+
+    The sums are made up: 100 points of contact with an outline of 4 spacings, of which
+    each shares strips.
+    """
     zeros = Sums(*np.zeros((len(Sums._fields), 2)))
     contact = np.array([100.0, 0.0])
     sums = zeros._replace(
@@ -640,7 +800,9 @@ def test_narrow_strips_are_as_uncertain_as_a_contact_without_plastic_points():
 
 @pytest.mark.parametrize("direction", [(1, 0), (3, 1), (2, 1), (1, 1)])
 def test_fronts_without_a_strip_between_them_have_no_offset(direction):
-    """The two fronts on each side of a rigid ridge coincide, whatever its direction."""
+    """The area of a rigid capped ridge of breadth 0.4 is exact in any direction of the
+    grid.
+    """
     i, j = np.indices((64, 64)) / 64
     across = (direction[0] * i + direction[1] * j) % 1
     gap = 1e3 * (abs(across - 0.5) - 0.2)
@@ -651,6 +813,9 @@ def test_fronts_without_a_strip_between_them_have_no_offset(direction):
 
 @pytest.mark.long
 def test_the_tables_come_from_the_calibration():
+    """The tables of offsets in `rim_correction` are those that the laboratory's fits
+    give.
+    """
     mean, amplitude, scatter = rim.calibrate_directions()
     assert mean == pytest.approx(rim_correction.OFFSETS[-1], abs=6e-4)
     assert amplitude == pytest.approx(rim_correction.HARMONIC, abs=5e-4)
@@ -666,8 +831,11 @@ def test_the_tables_come_from_the_calibration():
 
 @pytest.mark.slow
 def test_scenes_that_once_were_wrong_are_within_their_claims():
-    """Nine of ten are on four surfaces each, none far beyond; a lone point claims all
-    it has.
+    """Of the scenes that once were wrong, 90 % are within their errors, and none beyond
+    1.5.
+
+    Each is drawn with four seeds. `claimed` is the error estimate in the unit of the
+    table: a lone point claims all it has.
     """
     small = [scene for scene in area_scenes.SCENES if scene.member.shape[0] < 128]
     tables = [area_scenes.judged(small, seeds=[seed]) for seed in (3, 1, 2, 4)]

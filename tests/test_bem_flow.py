@@ -17,7 +17,11 @@ PEAK = 0.005
 
 
 def scene_of(path, shape=(64, 96), body=None, hardness=HARDNESS, poisson_ratio=0.3):
-    """Return a scene whose load goes through multiples of PEAK."""
+    """Return a capped rough scene with E = 1 whose load path is multiples of PEAK.
+
+    `path` holds the multiples, `shape` the points on the periods 1 and 1.5, and
+    `hardness` is in units of E.
+    """
     periods = (1.0, 1.5)[: len(shape)]
     surface = SelfAffine(SPECTRUM, periods, shape, seed=12).build()
     material = Material(1.0, poisson_ratio, hardness=hardness)
@@ -26,11 +30,14 @@ def scene_of(path, shape=(64, 96), body=None, hardness=HARDNESS, poisson_ratio=0
 
 
 def flow_of(scene):
-    """Return the plastic displacement after the last load of a scene."""
+    """Return the plastic displacement after the last load of a scene, an array (nx,
+    ny).
+    """
     return bem.solve(scene).fields["plastic_displacement"]
 
 
 def plastic_works(steps):
+    """Return the plastic work of each load step."""
     return [step.quantities["plastic_work"] for step in steps]
 
 
@@ -48,7 +55,12 @@ SCENES = pytest.mark.parametrize(
 
 @SCENES
 def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(kind):
-    """At the peak it has the capped pressures, and below the peak those of the path."""
+    """The pressures of unloading are those of an elastic body whose heights are those
+    left behind.
+
+    At the peak load the elastic body has the capped pressures, and below it those of
+    the path. `kind` holds arguments of `scene_of`.
+    """
     peak = scene_of((1,), **kind)
     heights = peak.surface.heights
     flow = flow_of(peak)
@@ -68,6 +80,12 @@ def test_the_elastic_contact_of_the_surface_left_behind_is_the_unloading_branch(
 
 @SCENES
 def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
+    """Reloading to the old peak changes neither areas nor work; beyond it flow
+    continues.
+
+    The results beyond are those of one load, also if the solve continues from given
+    flow. `kind` holds arguments of `scene_of`.
+    """
     path = (1, 0.2, 0.6, 1, 1.3)
     partial = []
     result = bem.solve(scene_of(path, **kind), on_step=partial.append)
@@ -90,7 +108,13 @@ def test_reloading_is_elastic_up_to_the_old_peak_and_flows_on_beyond_it(kind):
     ("valley", "hardness", "fall"), [(10, 0.1, 0.995), (100, 0.1, 0.99), (0, 1e-5, 0.9)]
 )
 def test_small_falls_over_deep_valleys_end_all_flow(valley, hardness, fall):
-    """The error that the rms height allows a pressure is no return to the peak."""
+    """A small fall of the load ends all flow, although deep valleys dominate the rms
+    height.
+
+    The tolerance for pressures grows with the rms height, and must not be taken for a
+    return to the peak load. `valley` is the depth in units of the roughness, `hardness`
+    is in units of E, and `fall` is the lower load over the peak load.
+    """
     x = np.arange(4096) / 4096
     k = np.arange(1, 256)
     phases = np.random.default_rng(1).uniform(size=k.size)
@@ -108,8 +132,10 @@ def test_small_falls_over_deep_valleys_end_all_flow(valley, hardness, fall):
 
 
 def test_points_that_err_alike_are_back_at_the_peak():
-    """On equal bumps of a soft metal all pressures are off by more than a residual
-    allows one of them.
+    """Equal bumps of a soft metal, loaded again to the peak, have the areas of the
+    peak.
+
+    All their pressures are off by more than a residual allows one of them.
     """
     wave = np.cos(8 * math.pi * np.arange(64) / 64)
     surface = Surface(1e-5 * (wave[:, None] + wave), (1e-3, 1e-3))
@@ -121,6 +147,9 @@ def test_points_that_err_alike_are_back_at_the_peak():
 
 
 def test_a_zone_that_no_point_shows_is_plastic_at_the_peak_alone():
+    """Edges of pits hide plastic zones that are counted at the peak load,
+    not below it.
+    """
     pits = np.random.default_rng(3).random((32, 32)) < 0.1
     surface = Surface(-1e-5 * pits, (1e-3, 1e-3))
     load = Load((5e6, 2e6, 5e6))
@@ -133,7 +162,7 @@ def test_a_zone_that_no_point_shows_is_plastic_at_the_peak_alone():
 
 
 def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
-    """Without elasticity the highest p0/hardness of the surface is cut off
+    """A rigid body loses the highest fraction p0/hardness of its surface
     (Abbott-Firestone).
     """
     rigid = Material(1e7, 0.3, hardness=HARDNESS)
@@ -153,6 +182,9 @@ def test_a_nearly_rigid_body_is_left_as_the_flat_has_cut_it():
 
 
 def test_unloading_to_zero_leaves_no_contact_and_costs_no_more_than_the_peak():
+    """Each load of unloading takes as many FFT pairs as the peak, and zero load no
+    contact.
+    """
     result = bem.solve(scene_of((1, 0.8, 0.6, 0.4, 0.2, 0.05, 0)))
     peak, *down, after = result.steps
     most = peak.iterations["fft_pairs"] + 2

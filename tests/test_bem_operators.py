@@ -22,19 +22,26 @@ STEEL = Material(200e9, 0.3)
 
 
 def normal(shape, seed):
-    """Return standard normal random numbers."""
+    """Return an array of a shape of standard normal random numbers, drawn
+    with a seed.
+    """
     return np.random.default_rng(seed).standard_normal(shape)
 
 
 def symbol_of(shape, body, periods=None):
-    """Return the symbol of a steel body, on spacings of a micron if not on periods."""
+    """Return the `Symbol` of a steel body: its compliance for each mode of a grid.
+
+    `periods` are in m; the spacing is a micrometre if they are not given.
+    """
     if periods is None:
         periods = (shape[0] * 1e-6, shape[1] * 1e-6)
     return Symbol.from_quarter(quarter_compliance(shape, periods, body, STEEL), shape)
 
 
 def points_of(contact, convolution):
-    """Return the points where a mask (nx, ny) is True."""
+    """Return the `Points` where a mask (nx, ny) is True, split as the rows of a
+    convolution.
+    """
     index = np.flatnonzero(contact).astype(np.int32)
     ny = contact.shape[1]
     parts = []
@@ -45,7 +52,9 @@ def points_of(contact, convolution):
 
 
 def scattered(shape, fraction, seed):
-    """Return a mask of contacts of about four points that cover a fraction."""
+    """Return a mask of contacts of about four points that cover a `fraction` of the
+    grid.
+    """
     modes = np.fft.rfft2(normal(shape, seed))
     q = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
     field = np.fft.irfft2(modes * np.exp(-((q * 4) ** 2)), s=shape)
@@ -54,6 +63,9 @@ def scattered(shape, fraction, seed):
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_results_of_blocks_are_in_order_and_their_errors_are_raised(threads):
+    """`Workers` return results in the order of their arguments, sum them, and raise
+    errors.
+    """
     with Workers(threads) as workers:
         expected = [divmod(k, 7) for k in range(40)]
         assert workers.each(divmod, list(range(40)), 7) == expected
@@ -64,6 +76,11 @@ def test_results_of_blocks_are_in_order_and_their_errors_are_raised(threads):
 
 @pytest.mark.parametrize("shape", [(64, 66), (7, 9), (1, 40), (12, 5), (800, 1000)])
 def test_convolution_is_the_circular_one(shape):
+    """The convolution is numpy's circular one to 1e-13, its inverse undoes it to 1e-11,
+    and single precision gives 1e-5 of the largest value.
+
+    A product with the inverse counts as one more FFT pair.
+    """
     field = normal(shape, 0)
     found = np.empty(shape)
     symbol = symbol_of(shape, Body("sliding_layer", 2e-5), (1e-4, 2e-4))
@@ -90,8 +107,11 @@ def test_convolution_is_the_circular_one(shape):
     ("shape", "fraction"), [((128, 64), 1.0), ((96, 130), 0.2), ((960, 600), 0.1)]
 )
 def test_split_operator_is_near_the_exact_one(shape, fraction, body):
-    """White noise is the hardest, for the alias of the half grid.  Threads and what was
-    in the memory before do not matter.
+    """The cheap operator is within 6 % of the exact one on white noise, and exact in
+    its sums.
+
+    White noise is the hardest, for the alias of the half grid. `fraction` is that of
+    points in contact. Threads and old content of the memory do not matter.
     """
     contact = scattered(shape, fraction, 2)
     results = []
@@ -117,6 +137,9 @@ def test_split_operator_is_near_the_exact_one(shape, fraction, body):
 
 @pytest.mark.parametrize("shape", [(9, 7), (256, 320)])
 def test_modes_are_filtered_to_the_same_bits_by_any_number_of_threads(shape):
+    """Filtering by symmetric factors of the modes gives numpy's result, on
+    any threads.
+    """
     field = normal(shape, 4)
     modes = np.random.default_rng(5).random((shape[0], shape[1] // 2 + 1))
     modes = modes + modes[-np.arange(shape[0])]
@@ -139,6 +162,9 @@ def last_rows():
 
 
 def test_points_beyond_2_to_31_are_listed_scattered_and_gathered(last_rows):
+    """Listing, scattering and gathering use 64-bit indices on a grid of
+    65536 x 65536.
+    """
     first, p, listed = last_rows
     index = np.empty(listed.size, dtype=np.int64)
     pressure, out = np.empty((2, listed.size))
@@ -153,6 +179,9 @@ def test_points_beyond_2_to_31_are_listed_scattered_and_gathered(last_rows):
 
 
 def test_cells_of_points_beyond_2_to_31(last_rows):
+    """The number of the cell of a point uses 64-bit indices on a grid of
+    65536 x 65536.
+    """
     first, _, listed = last_rows
     side = 65536
     n = side // CELL
@@ -164,6 +193,9 @@ def test_cells_of_points_beyond_2_to_31(last_rows):
 
 
 def test_a_masked_grid_of_points_beyond_2_to_31(last_rows):
+    """Values are put into the masked grid with 64-bit indices on 65536 x
+    65536 points.
+    """
     first, p, listed = last_rows
     side = 65536
     row = np.zeros((1, split.LEFT + side + split.RIGHT), dtype=np.float32)

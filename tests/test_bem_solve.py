@@ -30,27 +30,44 @@ CAPS = pytest.mark.parametrize("hardness", [HARDNESS, math.inf])
 
 
 def rough(shape=(64, 64), seed=7, points=4.0, slope=1.0):
+    """Return self-affine heights in m, on a period of PERIOD along each axis.
+
+    `points` are those in the shortest wavelength, and `slope` is the rms slope.
+    """
     high = 2.5e4 * max(shape) / points
     spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, high, slope)
     return SelfAffine(spectrum, (PERIOD,) * len(shape), shape, seed).build().heights
 
 
 def noise(shape):
+    """Return white noise as heights in m, with an rms value of PERIOD/1000."""
     return np.random.default_rng(1).standard_normal(shape) * PERIOD / 1000
 
 
 def scene(heights, load=LOAD, hardness=HARDNESS, body=None, periods=None, nu=0.0):
+    """Return a scene with the modulus E; `load` and `hardness` are in Pa, `periods` in
+    m.
+    """
     surface = Surface(heights, periods or (PERIOD,) * heights.ndim)
     return Scene(surface, Material(E, nu, hardness), Load(load), body or Body())
 
 
 def solve(heights, *args, tolerance=1e-9, threads=1, start=None, **options):
+    """Return the `ContactResult` of heights (m); `args` and `options` are those of
+    `scene`.
+    """
     given = scene(heights, *args, **options)
     return bem.solve(given, tolerance=tolerance, threads=threads, start=start)
 
 
 def require_kkt(result, hardness):
-    """Require the conditions of the minimum, from the fields alone."""
+    """Require the conditions of the minimum, computed from the fields of a result
+    alone.
+
+    Gaps are 0 in contact, negative or 0 at the `hardness` (Pa), and positive apart, to
+    1e-8 of the rms height (or of p0/E times PERIOD); pressures fit the states and have
+    the mean of the load.
+    """
     names = ("heights", "pressure", "gap", "state")
     h, p, g, state = (result.fields[name] for name in names)
     mean_pressure = result.final.mean_pressure
@@ -67,6 +84,7 @@ def require_kkt(result, hardness):
 
 
 def require_same(result, other, tolerance=1e-6 * E):
+    """Require equal pressures in two results, to a `tolerance` in Pa."""
     difference = result.fields["pressure"] - other.fields["pressure"]
     assert np.abs(difference).max() < tolerance
 
@@ -87,11 +105,16 @@ def test_particle_hole_symmetry(shape, fraction):
 
 
 def rolled(field):
+    """Return the field shifted by 5 and -9 points around its periodic edges."""
     return np.roll(field, (5, -9), (0, 1))
 
 
 @pytest.mark.parametrize("move", [rolled, np.rot90, np.flipud, np.transpose])
 def test_what_moves_the_surface_moves_the_pressure(move):
+    """A surface that is shifted, turned or mirrored has the pressures moved alike.
+
+    `move` maps an (n, n) field to the moved field.
+    """
     heights = rough()
     moved = solve(np.ascontiguousarray(move(heights))).fields["pressure"]
     expected = move(solve(heights).fields["pressure"])
@@ -100,6 +123,7 @@ def test_what_moves_the_surface_moves_the_pressure(move):
 
 def test_a_datum_does_not_matter():
     # A datum of 0.25 m costs the heights themselves 3e-17 m of 2e-6 m.
+    """Heights with a mean of 0.25 m have the pressures of heights with mean 0."""
     require_same(solve(rough() + 0.25), solve(rough()), 1e-5 * E)
 
 
@@ -107,6 +131,9 @@ def test_a_datum_does_not_matter():
     ("length", "slope", "stress"), [(1e3, 1.0, 1e-6), (1.0, 1e-3, 1e-3)]
 )
 def test_pressures_scale_with_the_modulus_times_the_slope(length, slope, stress):
+    """Pressures over E xi do not change with the factors of length, slope
+    and stress.
+    """
     heights = rough()
     surface = Surface(heights * length * slope, (PERIOD * length,) * 2)
     material = Material(E * stress / slope, 0.0, HARDNESS * stress)
@@ -116,6 +143,9 @@ def test_pressures_scale_with_the_modulus_times_the_slope(length, slope, stress)
 
 
 def test_a_cap_that_is_not_reached_changes_nothing():
+    """A hardness of ten times the largest elastic pressure gives the
+    elastic pressures.
+    """
     heights = rough()
     elastic = solve(heights, hardness=math.inf)
     high = 10 * elastic.fields["pressure"].max()
@@ -123,6 +153,9 @@ def test_a_cap_that_is_not_reached_changes_nothing():
 
 
 def test_any_start_leads_to_the_same_pressure():
+    """Zero, random and spiked starting pressures lead to the pressures of the usual
+    start.
+    """
     heights = rough()
     rng = np.random.default_rng(3)
     expected = solve(heights)
@@ -132,8 +165,10 @@ def test_any_start_leads_to_the_same_pressure():
 
 
 def test_same_call_same_bits_whatever_the_threads():
-    """The grid is large enough for the transforms' library to use threads of its
-    own.
+    """Repeated solves, on one and two threads, have equal bits of pressures and
+    residuals.
+
+    The grid is large enough for the transforms' library to use threads of its own.
     """
     heights = rough((600, 1000))
     first = solve(heights)
@@ -147,6 +182,11 @@ def test_same_call_same_bits_whatever_the_threads():
 @pytest.mark.parametrize("shape", [(48, 40), (90,)])
 @pytest.mark.parametrize("method", BASELINES)
 def test_classic_methods_find_the_same_minimum(method, hardness, shape):
+    """Each classic `method` finds Newton's pressures and areas, or raises
+    `NotConverged`.
+
+    The error names the tolerance and the steps, and holds a residual for each step.
+    """
     problem = scene(rough(shape, 5, points=max(shape) / 10), hardness=hardness)
     newton = bem.solve(problem, threads=1, tolerance=1e-9)
     other = bem.solve(problem, threads=1, tolerance=1e-7, method=method)
@@ -165,6 +205,10 @@ def test_classic_methods_find_the_same_minimum(method, hardness, shape):
 @CAPS
 @pytest.mark.parametrize("points", [4, 16])
 def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
+    """With an area tolerance the solve takes fewer FFT pairs, and areas are within it.
+
+    `points` are those in the shortest wavelength.
+    """
     surface = scene(rough((256, 256), points=points), hardness=hardness)
     full = bem.solve(surface, threads=1)
     for tolerance in (1e-2, 1e-3, 1e-4):
@@ -177,7 +221,12 @@ def test_area_tolerance_ends_sooner_with_the_same_areas(points, hardness):
 
 
 def require_solved(heights, load, hardness=math.inf, body=None, nu=0.0, periods=None):
-    """Solve, and require the residuals again from the fields, and few transforms."""
+    """Solve heights (m), require few FFT pairs and the conditions of `require_kkt`, and
+    return the result.
+
+    `load` and `hardness` are in Pa; `periods` (m) give square cells on a longest period
+    of PERIOD if they are None.
+    """
     longest = max(heights.shape)
     periods = periods or tuple(PERIOD * n / longest for n in heights.shape)
     result = bem.solve(scene(heights, load, hardness, body, periods, nu), threads=1)
@@ -215,6 +264,11 @@ def require_solved(heights, load, hardness=math.inf, body=None, nu=0.0, periods=
 def test_few_transforms_whatever_the_roughness_the_grid_and_the_load(
     heights, load, hardness, periods, pairs, equivalent
 ):
+    """A solve takes at most the given numbers of FFT pairs and of equivalent pairs.
+
+    `load` and `hardness` are in units of E; `pairs` counts transforms of the complete
+    grid, and `equivalent` all transforms by their cost.
+    """
     result = require_solved(heights, load * E, hardness * E, periods=periods)
     assert result.cost["fft_pairs"] <= pairs
     assert result.cost["equivalent_fft_pairs"] <= equivalent
@@ -223,7 +277,11 @@ def test_few_transforms_whatever_the_roughness_the_grid_and_the_load(
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", PERIOD / 25600)])
 @pytest.mark.parametrize("hardness", [1e-3, 1e-6])
 def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
-    """Almost all points lie on a bound, and trade places through a few elastic ones."""
+    """Bodies with a hardness of 1e-3 or 1e-6 of E take at most 20 Newton steps.
+
+    Almost all points have the pressure 0 or the hardness, and change places through a
+    few elastic ones.
+    """
     heights = rough((256, 256), 3, 2.2)
     for fraction in (0.01, 0.3, 0.7):
         load = fraction * hardness * E
@@ -232,6 +290,9 @@ def test_almost_rigid_bodies_take_no_more_steps_than_others(body, hardness):
 
 
 def surfaces(shape):
+    """Return heights in m of ten kinds of surfaces on a grid of a shape, by their
+    names.
+    """
     axes = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
     square = sum((x - 0.5) ** 2 for x in axes)
     unit = PERIOD / 100
@@ -264,6 +325,12 @@ LINES = [(101,), (2,), (512,)]
 
 @pytest.mark.parametrize("shape", GRIDS + LINES)
 def test_every_kind_of_surface_and_grid(shape):
+    """Each kind of surface on each grid converges at light and heavy loads, capped or
+    not.
+
+    `shape` may be as small as two points. Loads and hardnesses are multiples of E times
+    the rms slope.
+    """
     for heights in surfaces(shape).values():
         scale = rms_slope(heights) * E
         for load in (1e-3, 0.1, 2.0):
@@ -275,8 +342,10 @@ def test_every_kind_of_surface_and_grid(shape):
 
 
 def test_energy_steps_are_reported_where_newton_fails():
-    """A line of white noise near the middle of its load range makes plain steps
-    overshoot.
+    """A note counts the Newton steps that were cut short since they would raise the
+    energy.
+
+    A line of white noise near the middle of its load range makes plain steps overshoot.
     """
     heights = noise((512,))
     hardness = 0.3 * rms_slope(heights) * E
@@ -302,6 +371,9 @@ def wavenumbers():
 @pytest.mark.parametrize("hardness", [math.inf, 0.6])
 @pytest.mark.parametrize("power", [1.5, 0.5, 0.0, -1.0])
 def test_any_gradual_compliance_converges(power, hardness):
+    """A compliance q^-power converges in 40 FFT pairs, also with a hardness (units of
+    E*).
+    """
     heights = rough(seed=3) / PERIOD
     solution = solve_pressure(heights, wavenumbers() ** -power, 0.05, hardness)
     assert solution.counts["fft_pairs"] <= 40
@@ -311,6 +383,7 @@ def test_any_gradual_compliance_converges(power, hardness):
     "compliance", [wavenumbers() ** -4.0, np.exp(-5 * wavenumbers())]
 )
 def test_a_steep_compliance_is_refused(compliance):
+    """A compliance that falls too fast from mode to mode raises `InvalidScene`."""
     message = r"falls by a factor of .* along the first axis"
     with pytest.raises(InvalidScene, match=message):
         solve_pressure(rough(seed=3) / PERIOD, compliance, 0.05)
@@ -331,11 +404,16 @@ def test_a_steep_compliance_is_refused(compliance):
     ],
 )
 def test_wrong_options_are_refused(options, message):
+    """Unknown methods and arrays of wrong shape or sign raise `InvalidScene`.
+
+    `options` are arguments of `bem.solve`, and `message` is a part of the message.
+    """
     with pytest.raises(InvalidScene, match=message):
         bem.solve(scene(rough()), **options)
 
 
 def test_plain_arrays_are_checked():
+    """`solve_pressure` refuses infinite heights and a load beyond the hardness."""
     compliance = np.ones((8, 5))
     with pytest.raises(InvalidScene, match="finite"):
         solve_pressure(np.full((8, 8), np.inf), compliance, 1.0)
@@ -344,12 +422,14 @@ def test_plain_arrays_are_checked():
 
 
 def test_too_few_steps_raise_with_the_residuals():
+    """`NotConverged` holds the last residuals."""
     with pytest.raises(NotConverged, match="did not reach") as caught:
         bem.solve(scene(rough()), max_steps=1, threads=1)
     assert caught.value.residuals["gap_elastic"] > 1e-8
 
 
 def test_too_little_memory_is_noticed_before_a_solve(monkeypatch):
+    """With 2^27 bytes free, a scene that needs 0.2 GiB raises `NotEnoughMemory`."""
     monkeypatch.setattr("epcontact.bem.memory.available_memory", lambda: 2**27)
     message = r"2048 x 1024 needs about 0.2 GiB .* 0.1 GiB are"
     with pytest.raises(NotEnoughMemory, match=message):
@@ -360,6 +440,10 @@ def test_too_little_memory_is_noticed_before_a_solve(monkeypatch):
     ("load", "hardness"), [(0.08, 0.1), (0.3, 3.0), (0.6, math.inf)]
 )
 def test_a_solve_takes_the_memory_that_was_estimated(load, hardness):
+    """The traced peak of memory is within 12 % of `bytes_per_point`.
+
+    `load` and `hardness` are in units of E.
+    """
     given = scene(rough((320, 320)), load * E, hardness * E)
     bem.solve(given, threads=1)  # kernels need memory to load
     tracemalloc.start()
@@ -372,6 +456,7 @@ def test_a_solve_takes_the_memory_that_was_estimated(load, hardness):
 
 
 def test_the_peak_of_the_memory_is_that_of_the_process(monkeypatch):
+    """`peak_memory` is the resident memory in bytes, with and without Linux's /proc."""
     forget_peak()
     held = np.ones(2**24)
     used = psutil.Process().memory_info().rss
@@ -382,6 +467,12 @@ def test_the_peak_of_the_memory_is_that_of_the_process(monkeypatch):
 
 
 def test_a_solve_reports_its_progress():
+    """Each report holds load, grid and residual, and the fraction that follows from
+    them.
+
+    The fraction counts a grid's points and the decades of its residual; two loads have
+    half of the progress each.
+    """
     reports = []
     heights = rough((160, 96))
     given = scene(heights, (LOAD, LOAD / 2))
@@ -400,6 +491,9 @@ def test_a_solve_reports_its_progress():
 
 
 def test_a_solve_records_its_options_and_its_cost(monkeypatch):
+    """A result holds its steps so far, options, seconds without compilation, and
+    history.
+    """
     partial = []
     heights = rough((160, 96))
     given = scene(heights, (LOAD, LOAD / 2))
