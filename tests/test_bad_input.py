@@ -152,6 +152,12 @@ EDITS = [(name, *row) for name, (_, rows) in FILES.items() for row in rows]
 
 @pytest.mark.parametrize(("name", "old", "new", "says"), EDITS)
 def test_a_mistake_is_one_sentence(tmp_path, name, old, new, says):
+    """A mistake in a case file raises `InvalidCase` with one line that names file and
+    key.
+
+    `name` is that of the file in FILES, `old` the text that is replaced by `new`, and
+    `says` a pattern of the message.
+    """
     text, _ = FILES[name]
     assert old in text
     path = tmp_path / f"{name}.toml"
@@ -162,6 +168,7 @@ def test_a_mistake_is_one_sentence(tmp_path, name, old, new, says):
 
 
 def test_what_is_no_case_file_is_refused(tmp_path):
+    """Files that are no TOML, too large or too deep raise `InvalidCase`."""
     path, no_text = tmp_path / "broken.toml", "is not TOML in UTF-8"
     for content, says in (
         (b"\xff\xfe[case]", no_text),
@@ -177,7 +184,16 @@ def test_what_is_no_case_file_is_refused(tmp_path):
 
 
 def test_all_mistakes_are_told_at_once(write_case):
+    """All mistakes of a file are reported, one line each, with exit code 2 and no
+    output.
+    """
+
     def refusals(*edits, more=""):
+        """Return the lines on stderr for SMALL_CASE with replacements, without their
+        beginning.
+
+        `edits` and `more` are those of the fixture `write_case`.
+        """
         path = write_case(*edits, more=more)
         done, start = verified(path, path.parent / "output"), f"epcontact: {path}: "
         assert (done.returncode, done.stdout, (path.parent / "output").exists()) == (
@@ -252,7 +268,11 @@ for _old, _new in (
 
 
 def require_decent(done, output):
-    """A clean exit: whole files; of an error one sentence, of a verdict the truth."""
+    """Require a clean end of a command: no traceback, whole files, and a true verdict.
+
+    `done` is the completed process, and `output` its folder. An error is one sentence;
+    the exit code is that of the verdict, and 0 if and only if all gates hold.
+    """
     assert done.returncode in (0, 1, 2), done
     assert "Traceback" not in done.stdout + done.stderr
     require_whole(output)
@@ -268,6 +288,7 @@ def require_decent(done, output):
 
 
 def refused(done, *words):
+    """Require exit code 2, one short last line on stderr, and all `words` on stderr."""
     assert done.returncode == 2, done
     sentence = done.stderr.splitlines()[-1]
     assert sentence.startswith("epcontact: "), done.stderr
@@ -276,7 +297,9 @@ def refused(done, *words):
 
 
 def require_whole(output):
-    """Every file that is there can be read to its end, and no temporary one is left."""
+    """Require that each file in a folder can be read to its end and none is
+    temporary.
+    """
     readers = {".json": lambda path: json.loads(path.read_bytes()), ".xml": ET.parse}
     for path in filter(Path.is_file, output.rglob("*")):
         assert not path.name.startswith(".epcontact-"), path
@@ -284,11 +307,14 @@ def require_whole(output):
 
 
 def verified(case, output):
+    """Return the completed `verify` of a case file into an output folder."""
     return invoke("verify", case, "--output", output, "--jobs", 1)
 
 
 def for_each(examples, strategy, judge):
-    """Judge so many mutants, the same ones every time."""
+    """Call `judge` with so many `examples` drawn from a strategy, the same
+    in each run.
+    """
     same = settings(
         max_examples=examples,
         derandomize=True,
@@ -299,7 +325,9 @@ def for_each(examples, strategy, judge):
 
 
 def some(quick, many):
-    """So many mutants in the quick suite, and so many in the long one."""
+    """Return a parameter `examples`: `quick` in the short suite, and `many` in the long
+    one.
+    """
     return pytest.mark.parametrize(
         "examples", [quick, pytest.param(many, marks=pytest.mark.long)]
     )
@@ -342,7 +370,9 @@ JUNK = [
 
 @st.composite
 def mutants(draw):
-    """The case file with one to three of its lines changed."""
+    """Return a strategy of case files, as bytes, with one to three lines of CASE
+    changed.
+    """
     lines = CASE.splitlines()
     for _ in range(draw(st.integers(1, 3))):
         i, j = (draw(st.integers(0, len(lines) - 1)) for _ in "ij")
@@ -364,7 +394,9 @@ def mutants(draw):
 
 
 def refuses(path):
-    """Whether a case file is refused, with its name in one line for each mistake."""
+    """Return whether a case file is refused, with its path in one line for each
+    mistake.
+    """
     try:
         load_case(path)
     except InvalidCase as error:
@@ -376,7 +408,10 @@ def refuses(path):
 
 @some(60, 1000)
 def test_mutants_of_a_case_file(tmp_path, examples):
+    """Each mutant of a case file is verified, or refused without output."""
+
     def judge(content):
+        """Verify a case file with this content (bytes) in a new folder."""
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
         path, output = folder / "small.toml", folder / "with space"
         path.write_bytes(content)
@@ -392,6 +427,10 @@ def test_mutants_of_a_case_file(tmp_path, examples):
 def test_every_value_replaced_by_junk(tmp_path, junk):
     # No mutant is solved here: what reads as a case must read as another case than the
     # original.
+    """A case file with a value replaced by `junk` is refused, or is another case.
+
+    No mutant is solved here.
+    """
     path = tmp_path / "small.toml"
     path.write_text(CASE)
     original, lines = signature(load_case(path)), CASE.splitlines()
@@ -407,7 +446,7 @@ def test_every_value_replaced_by_junk(tmp_path, junk):
 
 
 def signature(case):
-    """Everything that an answer or a verdict depends on."""
+    """Return all parts of a case on which a result or a verdict depends."""
     digests = tuple(case.digest(recipe) for recipe in case.recipes)
     return case.head, case.skip, digests, repr(case.options), case.gates
 
@@ -459,7 +498,13 @@ WORDS = [
 
 @some(40, 150)
 def test_command_lines(tmp_path, monkeypatch, examples):
+    """Random words on the command line give exit codes 0 to 2 and never a traceback.
+
+    A command that is refused leaves the files of its folder as they were.
+    """
+
     def judge(words):
+        """Run the command line with these words in a new folder that holds the case."""
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
         monkeypatch.chdir(folder)
         # A bare `verify` runs the one case of this folder, not all those of the
@@ -489,12 +534,14 @@ def test_command_lines(tmp_path, monkeypatch, examples):
 
 @pytest.fixture
 def small(tmp_path):
+    """Return the path of a new file small.toml that holds CASE."""
     path = tmp_path / "small.toml"
     path.write_text(CASE)
     return path
 
 
 def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch):
+    """Case files and maps that are links, devices, pipes or folders are refused."""
     monkeypatch.chdir(tmp_path)
     Path("cases").mkdir()
     links = {
@@ -516,6 +563,7 @@ def test_links_devices_and_pipes_do_not_hang(small, tmp_path, monkeypatch):
 
 
 def test_far_too_much_is_told_before_it_is_tried(small, tmp_path):
+    """Grids, periods and seeds that are far too large end cleanly."""
     grids = [(GRID, f"shape = [{n}, 16]") for n in (10**9, 10**11)]
     for old, new in (
         *grids,
@@ -538,6 +586,11 @@ def test_far_too_much_is_told_before_it_is_tried(small, tmp_path):
     ],
 )
 def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command):
+    """A file or a folder (ends with /) in place of an output gives exit code 2.
+
+    `in_the_way` is its path, and `command` is run or verify. Root may write anywhere: a
+    file or a folder in the way also stops root.
+    """
     folder, _, name = in_the_way.removesuffix("/").rpartition("/")
     (tmp_path / folder).mkdir(parents=True, exist_ok=True)
     make = Path.mkdir if in_the_way.endswith("/") else Path.touch
@@ -547,6 +600,7 @@ def test_file_or_folder_in_the_way(small, tmp_path, in_the_way, command):
 
 
 def test_spoilt_result_is_not_reused(small, tmp_path):
+    """A saved result that is cut, no JSON, of wrong form or edited is solved again."""
     assert verified(small, tmp_path).returncode == 0
     member = tmp_path / "small" / "fast" / "members" / "bem-seed3.json"
     whole = member.read_bytes()

@@ -259,11 +259,11 @@ def test_a_path_has_a_step_for_each_load_and_flow_is_read():
 
 @needs_ccx
 def test_neither_springs_nor_slopes_but_an_element_is_what_differs():
-    """In the cross-check with CalculiX, the element type causes the difference.
+    """In the table of codes, the element type alone causes the difference of CalculiX.
 
-    The last five rows of the report are: the same solver (0), incompatible modes, plain
-    bricks (more than twice as far), softer springs and smaller slopes (as far as
-    incompatible modes within 20 %).
+    The last five rows are: `fem_check` itself (difference 0), CalculiX with
+    incompatible modes, with plain bricks (more than twice as far), with stiffer springs
+    and with a tenth of the slope (both as far as incompatible modes, within 20 %).
     """
     rows = crosscheck(load_case("calculix-elastic")).splitlines()[-5:]
     differences = [float(row[32:].split()[3]) for row in rows]

@@ -23,6 +23,11 @@ from epcontact.harness.quantities.registry import QUANTITIES
 
 
 def test_case_becomes_scenes(write_case):
+    """A case file gives recipes, options and digests of its size, also with Windows'
+    line ends.
+
+    Changing unknown attributes of a case raises AttributeError.
+    """
     path = write_case()
     # As an editor of Windows writes it.
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
@@ -50,10 +55,17 @@ def test_case_becomes_scenes(write_case):
 
 
 def bands(case):
+    """Return the upper end of the band of each gate, by (method, quantity)."""
     return {(gate.of, gate.quantity): gate.high for gate in case.gates}
 
 
 def test_a_case_has_the_default_gates_of_its_methods(write_case):
+    """A case gets the default gate of each `measured_` quantity that its methods
+    report.
+
+    A gate of the case on the same quantity replaces the default one. The largest cases
+    judge only their own gates.
+    """
     unread = ("raw_total", "raw_plastic", "carried", "distribution", "residuals")
     names = {("bem", q) for q in QUANTITIES if q.startswith("quantity.measured_")}
     names -= {("bem", f"quantity.measured_{name}") for name in unread}
@@ -73,6 +85,9 @@ def test_a_case_has_the_default_gates_of_its_methods(write_case):
 
 
 def test_variants_are_laid_over_the_rest_of_the_file(write_case):
+    """A variant's keys replace those of the file, and its gates come before
+    the file's.
+    """
     soft, stiff = (load_case(text) for text in find_named(write_case(more=VARIANTS)))
     assert (soft.id, stiff.id, stiff.head.requirement) == (
         "soft",
@@ -90,6 +105,9 @@ def test_variants_are_laid_over_the_rest_of_the_file(write_case):
 
 
 def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch):
+    """A case is found by its id, the name of its file or the path, near the user or
+    shipped.
+    """
     assert find_case("fem-model-50-nu0").path.name == "fem-model.toml"
     assert len(find_named("fem-model")) == 9
     with pytest.raises(InvalidCase, match="did you mean 'fem-model-50-nu0'"):
@@ -108,6 +126,7 @@ def test_cases_are_found_by_name_file_and_path(write_case, tmp_path, monkeypatch
 
 
 def test_every_shipped_case_reads_at_every_size_and_cites_papers():
+    """Shipped cases have gates with reasons, cite papers, and every paper is cited."""
     cases = [load_case(text, size) for text in find_cases() for size in text.sizes]
     assert len({(case.id, case.size) for case in cases}) == len(cases)
     assert all(case.gates or case.sweep for case in cases)
@@ -124,8 +143,10 @@ COUNTERFACE = "\n[counterface]\nyoung_modulus = 100.0e9\npoisson_ratio = 0.3\n"
 
 
 def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
-    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) the rms
+    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) times the rms
     slope.
+
+    Grids that differ, layers and unknown keys of a counterface raise `InvalidCase`.
     """
     alone, twin = (load_case(write_case(more=m)) for m in ("", COUNTERFACE))
     half = replace(twin.material, young_modulus=2 * twin.material.young_modulus)
@@ -173,6 +194,9 @@ def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
 
 
 def test_a_citation_holds_sources_papers_and_versions(write_case):
+    """`cite` prints sources, papers of the options in use, and the versions of
+    libraries.
+    """
     plain = load_case(write_case())
     other = load_case(write_case(("[theory]", '[theory]\nreduction = "wang_muser"')))
     (more,) = set(papers_of(other)) - set(papers_of(plain))  # of the option

@@ -45,6 +45,9 @@ THREADS = ("--executor", "concurrent.futures:ThreadPoolExecutor")
 
 
 def refused(done, *words):
+    """Require exit code 2 and one line on stderr that begins with epcontact: and has
+    all `words`.
+    """
     assert done.returncode == 2, done
     assert done.stderr.startswith("epcontact: ")
     assert done.stderr.count("\n") == 1, done.stderr
@@ -56,6 +59,9 @@ def refused(done, *words):
 
 
 def test_schemas_and_commands_are_listed():
+    """`schema` prints JSON schemas, and `--help` each command with its first line of
+    help.
+    """
     assert all(
         "$defs" in json.loads(invoke("schema", k).stdout) for k in ("case", "verdict")
     )
@@ -67,6 +73,9 @@ def test_schemas_and_commands_are_listed():
 
 
 def test_an_output_without_greek_letters_shows_a_question_mark():
+    """On a terminal with the encoding cp1252, Greek letters are shown as question
+    marks.
+    """
     done = python(
         "-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"}
     )
@@ -76,6 +85,7 @@ def test_an_output_without_greek_letters_shows_a_question_mark():
 
 @pytest.mark.parametrize("argument", ["--help", "list"])
 def test_lists_load_no_solver(argument):
+    """`--help` and `list` load neither numpy nor other heavy libraries."""
     program = (
         f"import atexit, sys; sys.argv = ['epcontact', '{argument}']\n"
         "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & "
@@ -90,10 +100,17 @@ def test_lists_load_no_solver(argument):
 def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
     width, monkeypatch
 ):
+    """`list` has a row for each family, and counts the cases that a bare verify runs.
+
+    `width` is that of the terminal in characters: a wide one has a head of the table.
+    """
     monkeypatch.setattr(list_cases, "open_console", lambda: Console(width=width))
     left_out = "not in a bare verify"
 
     def listed(*words):
+        """Return the rows that `list` prints with these words, without the head of the
+        table.
+        """
         said = invoke("list", *words).stdout
         return [line for line in said.splitlines() if line[:1].strip()][width == 200 :]
 
@@ -120,6 +137,9 @@ def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
 def test_verify_holds_or_falls_short_and_writes_the_verdict(
     write_case, tmp_path, monkeypatch
 ):
+    """`verify` writes verdict.json and junit.xml, and exits with 0 if all gates hold,
+    else 1.
+    """
     out = tmp_path / "with space"
     done = invoke("verify", write_case(), "--output", out, "--jobs", 2)
     assert done.returncode == 0, done
@@ -152,6 +172,9 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(
 
 
 def test_run_writes_results_and_fields_once(write_case, tmp_path):
+    """`run` writes JSON and one field file, prints a warning once, and
+    reuses results.
+    """
     case = write_case(("rms_slope = 0.1", "rms_slope = 1.1"))
     run = ("run", case, "--method", "bem", "--output", tmp_path, "--jobs", 1)
     done, folder = invoke(*run), tmp_path / "small" / "fast"
@@ -171,6 +194,9 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path):
 def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
     write_case, tmp_path, monkeypatch
 ):
+    """A case without a gate can be run, but `verify` and the pytest plugin
+    refuse it.
+    """
     path = write_case(ONE)
     path.write_text(path.read_text().partition("[[gate]]")[0])
     done = invoke("run", path, "--method", "persson", "--output", tmp_path)
@@ -194,6 +220,11 @@ def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
 
 
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
+    """Fields of each load are written with `fields="steps"`, and reused if they fit.
+
+    Fields of another precision, missing or spoilt files are solved again, and those of
+    another load are deleted.
+    """
     methods = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
     fem = ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]')
     case = load_case(
@@ -202,6 +233,7 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     folder, notes = case.folder(tmp_path), []
 
     def reused(fields, precision="single"):
+        """Return how many of the two results a run with these fields reuses."""
         notes.clear()
         told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
         run_cases(
@@ -236,6 +268,9 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
 
 
 def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
+    """An absent map skips its case if it is optional; holes and a missing unit are
+    errors.
+    """
     recipe = 'kind = "file"\npath = "map.csv"\nperiod = [64e-6, 80e-6]\n'
     edits = (
         ("= 0.536", '= 0.536\nspectrum = "surface"'),
@@ -243,6 +278,9 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
     )
 
     def verified(lines):
+        """Return the completed `verify` of a case of the map with these lines of its
+        recipe.
+        """
         path = write_case(*edits, (ROUGH, recipe + lines))
         return invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
 
@@ -268,6 +306,7 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
 
 
 def test_a_plane_is_flat_and_every_gate_holds(write_case, tmp_path):
+    """A tilted plane is flat once its form is removed, and contacts everywhere."""
     x, y = np.meshgrid(np.arange(16), np.arange(12), indexing="ij")
     np.save(tmp_path / "plane.npy", 0.1 + 0.3 * x - 0.7 * y)
     recipe = 'kind = "file"\npath = "plane.npy"\nunit = 1e-6\npixel_size = 1e-6\n'
@@ -285,6 +324,10 @@ def test_a_plane_is_flat_and_every_gate_holds(write_case, tmp_path):
 
 
 def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
+    """Tables fit terminals of 40 to 200 characters, and cut no number.
+
+    The band's ends are shown with the digits that tell them apart.
+    """
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
     answers, gate = outcome.results, outcome.gates[0]
@@ -344,6 +387,7 @@ LONG = 300 * "x"
     ],
 )
 def test_mistake_on_the_command_line(write_case, monkeypatch, arguments, words):
+    """A mistake in `arguments` gives one line with all `words`, and no results."""
     monkeypatch.chdir(write_case().parent)
     refused(invoke(*arguments.split()), *words.split(".*"))
     assert not Path("results").exists()
@@ -360,6 +404,11 @@ def test_mistake_on_the_command_line(write_case, monkeypatch, arguments, words):
     ],
 )
 def test_interrupt_is_clean(write_case, tmp_path, how, waits):
+    """An interrupted `verify` exits with 130, keeps whole results and writes no
+    verdict.
+
+    `how` is the signal, and `waits` what must exist before it is sent.
+    """
     grid = (
         "points_per_shortest_wavelength = { fast = 4, full = 8 }",
         "shape = [128, 128]",
@@ -393,6 +442,7 @@ def test_interrupt_is_clean(write_case, tmp_path, how, waits):
 
 
 def test_interrupt_while_a_module_is_half_loaded(monkeypatch):
+    """An interrupt while a module has no attributes yet raises KeyboardInterrupt."""
     module = "epcontact.machine"
     monkeypatch.setitem(sys.modules, module, types.ModuleType(module))
     with pytest.raises(KeyboardInterrupt):
@@ -416,6 +466,11 @@ FULL = "epcontact: cannot write the output: no space left on device"
     ],
 )
 def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says):
+    """A closed pipe or a full disk does not change the exit code of a verdict.
+
+    `words` is the command line, `code` its exit code, and `says` the message for a full
+    disk. The output is printed by rich, by click and after a verdict.
+    """
     reader, out = os.pipe()
     os.close(reader)
     with open("/dev/full" if says else out, "wb") as full:
@@ -438,6 +493,7 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
 
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
+    """An error inside of the package exits with 2 and a traceback, not with 1."""
     monkeypatch.setattr(list_cases, "case_files", lambda: 1 / 0)
     done = invoke("list")
     assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)
@@ -446,8 +502,9 @@ def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
 
 @pytest.mark.parametrize("first", [1.0, 60.0])
 def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first):
-    """Of 20 reused answers and 100 solves of a second each, the first of which
-    compiles.
+    """The time left counts solves, not reused results, nor the first one that compiles.
+
+    Of 120 results 20 are reused; the other 100 take a second, and the first `first` s.
     """
     clock = [0.0]
     monkeypatch.setattr("rich.console.monotonic", lambda: clock[0])

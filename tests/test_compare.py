@@ -25,8 +25,10 @@ SCENE = "westergaard-surface"
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """The same case by rim corrections that are right, a little off, and off by more
-    than an area claims; its band is wide enough for all three.
+    """Return a folder with verdicts of one case by three rim corrections.
+
+    They are in "right" (as shipped), "near" (3 % off) and "off" (20 % off, by more than
+    the error estimate of the area); the case's band is wide enough for all three.
     """
     folder = tmp_path_factory.mktemp("runs")
     for name, factor in {"right": 1.0, "near": 0.97, "off": 0.8}.items():
@@ -47,6 +49,9 @@ def compared(*given):
 
 
 def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
+    """`compare` reports changes in units of the error estimate, and exits with 1 beyond
+    it.
+    """
     code, said, _ = compared(runs / "right", runs / "right" / "verdict.json")
     assert (code, "0 moved beyond their claim, 0 within it" in said) == (0, True)
     code, said, _ = compared(
@@ -64,6 +69,9 @@ def test_a_value_that_moved_inside_its_band_is_told(runs, tmp_path):
 
 
 def test_a_kept_table_stands_for_its_verdict(runs, tmp_path):
+    """The table that `compare --keep` writes gives the same comparison as
+    its verdict.
+    """
     kept = tmp_path / "kept.csv"
     for _ in range(2):
         assert invoke("compare", runs / "right", "--keep", kept).returncode == 0
@@ -106,6 +114,7 @@ def changed_tables():
 
 
 def test_each_change_is_counted_in_error_estimates():
+    """Changes are sorted and divided by error estimates; two of them are too large."""
     comparison = compare(*changed_tables())
     moved = comparison.moved.set_index("quantity")["moved"]
     # z has no error estimate: the comparison takes 1e-4 of the value.
@@ -124,6 +133,7 @@ def test_each_change_is_counted_in_error_estimates():
 
 
 def test_what_is_gone_is_told(runs, tmp_path):
+    """A case that only the old run has is named, if it has the size of the new run."""
     figures = read_values(runs / "right")
     # Full cases say nothing of a run that is fast; a fast case that is gone is named.
     others = (("big", "full"), ("gone", "fast"))
@@ -134,6 +144,7 @@ def test_what_is_gone_is_told(runs, tmp_path):
 
 
 def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
+    """Edited, absent or foreign files give exit code 2 and one line that says why."""
     assert "3 are given" in compared(tmp_path, tmp_path, tmp_path)[2]
     (tmp_path / "verdict.json").write_text("{}")
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
@@ -155,6 +166,7 @@ def test_what_cannot_be_compared_is_one_sentence(runs, tmp_path):
 
 
 def test_no_band_of_the_cases_grew_and_none_is_gone():
+    """Each band of the release is still there, and none has become wider."""
     kept = (
         read_values(RELEASE_VALUES)
         .dropna(subset="low")
@@ -180,5 +192,8 @@ def test_no_band_of_the_cases_grew_and_none_is_gone():
 
 @pytest.mark.slow
 def test_no_value_moved_since_the_release(tmp_path):
+    """A complete `verify` has the values of the release within their error
+    estimates.
+    """
     verify(output=tmp_path)
     assert compared(tmp_path)[0] == 0

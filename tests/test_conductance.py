@@ -41,8 +41,11 @@ def joint(**changed):
 
 
 def test_the_laws_are_homogeneous():
-    """Twice the conductivities or half the height: twice the conductance; a unit of
-    pressure and the order of the bodies are nothing.
+    """Conductance (W/(m² K)) is proportional to conductivity over height.
+
+    Twice the conductivities or half the height give twice the conductance; the unit of
+    pressure and the order of the bodies have no effect. With a perfect conductor, twice
+    the conductivity of the other body counts.
     """
     one = joint()
     twice = joint(conductivities=(400.0, 32.0))
@@ -67,7 +70,12 @@ def test_the_laws_are_homogeneous():
 
 
 def test_the_law_for_flow_is_that_of_round_spots_of_a_cut_gaussian_surface():
-    """Cooper, Mikic and Yovanovich's own integral, of which the power law is a fit."""
+    """The power law for flow is within 2 % of the integral that its authors fitted it
+    to.
+
+    Cooper, Mikic and Yovanovich's integral is that of round spots of a cut Gaussian
+    surface.
+    """
     load = np.geomspace(1e-5, 0.02, 9)
     height = math.sqrt(2) * erfcinv(2 * load)
     assert erfc(height / math.sqrt(2)) / 2 == pytest.approx(load)
@@ -82,6 +90,9 @@ def test_the_law_for_flow_is_that_of_round_spots_of_a_cut_gaussian_surface():
 
 
 def test_the_slope_of_a_profile_is_that_of_the_surface_over_the_root_of_pi():
+    """The rms slope of a surface is PROFILE times the mean absolute slope of its
+    profiles.
+    """
     scene = study.joint_scene(8, 0.6, 0.1, 0.1, 3, 8)
     heights, n = scene.surface.heights, scene.surface.shape[0]
     waves = 2j * np.pi * np.fft.fftfreq(n, 1 / n)
@@ -94,6 +105,12 @@ def test_the_slope_of_a_profile_is_that_of_the_surface_over_the_root_of_pi():
 
 
 def test_the_formula_goes_from_flow_to_elasticity():
+    """The fitted formula is a power of the load for flow, and free of hardness if
+    elastic.
+
+    `laws.fitted` takes p0 over the hardness, the hardness over E* xi, and the breadth
+    of the spectrum, and returns the dimensionless conductance.
+    """
     load = np.geomspace(1e-3, 0.1, 5)
     # What is left where nothing springs back, and at light loads a power of the load.
     flow = laws.FACTOR * (load / (1 + 8 / laws.CLUSTER)) ** 0.875 / (1 - load) ** 1.5
@@ -117,6 +134,9 @@ def test_the_formula_goes_from_flow_to_elasticity():
 
 
 def test_the_interval_holds_where_the_formula_was_not_fitted():
+    """The interval of the formula holds 90 to 97.5 % of scenes that the fit has not
+    seen.
+    """
     table = study.table_of_package()
     constants = laws.FACTOR, laws.ELASTIC, laws.CLUSTER
     fitted, other, unseen = laboratory.parts(table)
@@ -132,6 +152,9 @@ def test_the_interval_holds_where_the_formula_was_not_fitted():
 
 
 def test_the_interval_holds_in_every_region_that_is_accepted_and_not_beyond():
+    """In each accepted region the interval holds 90 % of the scenes, and
+    fewer beyond.
+    """
     table = laboratory.judged(study.table_of_package())
     off = laboratory.misfit(table, (laws.FACTOR, laws.ELASTIC, laws.CLUSTER))
     table = table.assign(inside=np.abs(off) < np.log1p(laws.ERROR))
@@ -148,6 +171,7 @@ def test_the_interval_holds_in_every_region_that_is_accepted_and_not_beyond():
 
 @pytest.mark.parametrize("hardness", [0.1, 1.0])
 def test_the_table_can_be_made_again(hardness):
+    """A row of the package's table is found again from 16 new surfaces."""
     place = {"breadth": 2, "hurst": 0.6, "hardness": hardness, "load": 0.1}
     axes = {name: (value,) for name, value in place.items()}
     found = study.means(lambda _: None, **axes, seed=range(501, 517), waves=(8,))
@@ -209,11 +233,19 @@ def test_round_spots_conduct_by_holm_and_greenwood():
     ],
 )
 def test_what_was_not_judged_is_refused(changed, words):
+    """Loads, hardnesses and breadths outside of the fit, or bad numbers, raise
+    `InvalidScene`.
+
+    `changed` are arguments of the usual joint, and `words` is a pattern of the message.
+    """
     with pytest.raises(InvalidScene, match=words):
         joint(**changed)
 
 
 def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
+    """Without a breadth the interval is the union of those of both ends, around its
+    mean.
+    """
     found = joint(breadth=None)
     ends = [joint(breadth=end).interval for end in laws.BREADTHS]
     assert found.value == pytest.approx(math.sqrt(math.prod(found.interval)), rel=1e-12)
@@ -222,6 +254,9 @@ def test_without_a_breadth_the_interval_holds_that_of_every_breadth():
 
 
 def test_the_command_prints_what_the_function_finds():
+    """The command `joint` prints the text of `joint_conductance` for the same
+    arguments.
+    """
     words = [
         word
         for name, value in USUAL.items()
@@ -231,6 +266,7 @@ def test_the_command_prints_what_the_function_finds():
 
 
 def test_the_gates_against_numbers_hold_the_formula():
+    """The reference numbers in the conductance cases are those of the formula."""
     for text in find_named("conductance"):
         case = load_case(text, "fast")
         scene = case.scene(case.recipes[0])
@@ -247,6 +283,9 @@ def test_the_gates_against_numbers_hold_the_formula():
 
 
 def test_a_law_describes_a_rough_half_space_with_a_hardness():
+    """The closed form `mikic` gives the conductance of its law, with the scene's
+    roughness.
+    """
     form, scene = CLOSED_FORMS["mikic"], study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8)
     y = (
         form.scalar("quantity.conductance", scene)

@@ -35,6 +35,10 @@ from epcontact.surfaces import Sinusoid
 
 @pytest.mark.parametrize("dimensions", [1, 2])
 def test_the_budget_tells_the_parts_apart(dimensions):
+    """The error budget splits a difference into model, solver, grid and depth.
+
+    Each part is the difference of two solves that share all but that property.
+    """
     nodes, highest = (48, 6) if dimensions == 2 else (128, 8)
     scene = rough_scene(nodes, highest, dimensions=dimensions)
     j2 = fem_check.solve(scene, certified=False)
@@ -56,6 +60,9 @@ def test_the_budget_tells_the_parts_apart(dimensions):
 
 
 def test_each_part_falls_with_what_it_is_the_error_of():
+    """The part of the grid is halved by twice the grid, and that of the depth falls
+    with it.
+    """
     coarse, fine = (error_budget(rough_scene(n, 4)) for n in (32, 64))
     # First order: halved by twice the grid, here and there by a little less.
     assert fine["discretisation"].pressure < coarse["discretisation"].pressure / 1.7
@@ -71,7 +78,10 @@ def test_each_part_falls_with_what_it_is_the_error_of():
 
 
 def answer(pressure, low):
-    """Pressures, tabulated as spread evenly over (low, low + 1)."""
+    """Return a result with these pressures and a made-up pressure distribution.
+
+    The distribution is even over (`low`, `low` + 1); the step's area is 0.5.
+    """
     sigma = np.linspace(0, 2, 20001)
     p = np.array(pressure)
     step = LoadStep(1.0, {"raw": Areas(0.5, 0.5, 0.0)})
@@ -81,6 +91,11 @@ def answer(pressure, low):
 
 
 def test_differences_of_known_answers():
+    """`difference` gives relative pressures, overlap, distance and areas of known
+    fields.
+
+    Grids of different size raise `InvalidScene`.
+    """
     one = answer([1.0, 1, 1, 1, 0, 0], 0.2)
     other = answer([0.0, 0, 2, 2, 2, 0], 0.5)
     assert difference(one, one, 4.0) == Difference(
@@ -114,6 +129,7 @@ def flowed():
     "body", [Body(), Body("bonded_layer", 0.7), Body("sliding_layer", 0.7)]
 )
 def test_the_compliance_is_that_of_the_block_that_answered(body):
+    """`elements_compliance` rebuilds the compliance of a result's block to 1e-12."""
     scene = rough_scene(16, 3, body=body)
     result = fem_check.solve(scene, law="elastic", layers=7, certified=False)
     expected = fem_check.surface_compliance(scene, layers=7)
@@ -121,7 +137,11 @@ def test_the_compliance_is_that_of_the_block_that_answered(body):
 
 
 def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elements():
-    """The null test: with the law taken out, grid and depth leave nothing behind."""
+    """Capped elements compared as if they were J2 show no difference of the model.
+
+    This is the null test: with the law taken out, grid and depth leave nothing behind.
+    The effective hardness is 0.35/0.2 = 1.75, hardness over yield stress.
+    """
     scene = rough_scene(32, 4, hardness=0.35)
     capped = fem_check.solve(scene, law="capped", certified=False)
     exact = bem.solve(scene)
@@ -139,6 +159,10 @@ def test_a_cap_by_the_elements_does_not_differ_from_a_cap_by_the_boundary_elemen
 
 
 def test_the_measures_say_what_they_mean(flowed):
+    """The measures of a model difference follow from the states of both solutions.
+
+    A transposed state keeps the area, and loses half of the overlap.
+    """
     scene, j2 = flowed
     found = measured(scene, j2)
     own = bem.solve(scene, compliance=fem_check.surface_compliance(scene))
@@ -161,6 +185,9 @@ def test_the_measures_say_what_they_mean(flowed):
 
 
 def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
+    """Results without flow, of another law, too full or without a block raise
+    `InvalidCase`.
+    """
     scene, j2 = flowed
     stiff = rough_scene(16, 3, yield_stress=10.0, hardness=math.inf)
     elastic = fem_check.solve(stiff, law="j2", certified=False)
@@ -185,6 +212,7 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
 
 
 def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
+    """The source of the cross-check passes only the compliance between the solvers."""
     source = "".join(
         inspect.getsource(inspect.getmodule(f)) for f in (crosscheck, combined)
     )
@@ -199,6 +227,11 @@ def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():
 
 
 def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
+    """The parts of the error of c_eff are differences of solves with other depth and
+    steps.
+
+    Many steps change c_eff by less than three error estimates.
+    """
     scene = rough_scene(16, 2, hardness=math.inf)
     found = measured_hardness(scene, steps=2)
     depth = fem_check.solve(scene, steps=2, certified=False).provenance.options["depth"]
@@ -225,6 +258,10 @@ def test_each_part_of_the_error_is_that_of_a_solve_that_differs_in_it():
     ],
 )
 def test_the_study_answers_the_scenes_of_the_cases(name, severity, nu):
+    """The study builds the scenes of the cases `fem-model`.
+
+    `severity` is E* xi / sigma_Y and `nu` Poisson's ratio of the case of this name.
+    """
     case = load_case(name)
     recipe = case.recipes[0]
     ours = model_scene(severity, nu, recipe.seed, recipe.shape[0])
@@ -242,7 +279,7 @@ ELASTIC = ('law = "j2"', 'law = "elastic"')
 
 @pytest.fixture
 def tiny(tmp_path):
-    """fem-model-5 on one surface of 24 x 24 nodes, with replacements."""
+    """Return a function that loads fem-model-5 on one surface of 24 x 24 nodes."""
 
     def load(*replacements):
         """Return the case of J2_CASE with texts replaced: pairs of old and new text."""
@@ -257,6 +294,10 @@ def tiny(tmp_path):
 
 
 def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
+    """The report of two seeds has mean, standard error and spread of their values.
+
+    The error of the mean c_eff combines the parts of grid, steps and seeds.
+    """
     *alone, head = (
         lines := crosscheck(tiny(), seeds=_seeds("21-22"), steps=4).splitlines()
     )[:-10]
@@ -300,6 +341,11 @@ def test_an_ensemble_is_summed_up_with_its_standard_errors(tiny):
     ],
 )
 def test_what_cannot_be_cross_checked_is_refused(tiny, edits, options, sentence):
+    """Cases that cannot be cross-checked raise `InvalidCase`.
+
+    `edits` are replacements in the case, `options` those of `crosscheck`, and
+    `sentence` is a pattern of the message.
+    """
     with pytest.raises(InvalidCase, match=sentence):
         crosscheck(tiny(*edits), **options)
     wavy = tiny().changed(recipes=(Sinusoid((1e-3,) * 2, (16, 16), 1e-6),))
@@ -318,8 +364,8 @@ FINE = """
 
 
 def scene_of(k, nodes):
-    """Return the k-th scene of an ensemble over severity, nu and body, on nodes x
-    nodes.
+    """Return the k-th scene of an ensemble over E* xi/sigma_Y, nu and body, on nodes x
+    nodes points.
     """
     severity = (5.0, 15.0, 50.0, 30.0)[k % 4]
     nu = (0.3, 0.0, 0.45)[k % 3]

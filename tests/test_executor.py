@@ -33,16 +33,21 @@ THEORY = (
 
 
 class Elsewhere(Executor):
-    """Makes each call at once, on copies, in a folder of its own, as a far worker
+    """An executor that calls at once, on pickled copies, in a folder, as a far worker
     would.
+
+    `worker_memory` is in bytes, `open` is False after a shutdown, and `instead`
+    replaces each call if it is given.
     """
 
     worker_memory, open, instead = 2.0**40, True, None
 
     def __init__(self, folder, **changes):
+        """Create the executor; `changes` replace attributes or methods of it."""
         vars(self).update(changes, folder=folder)
 
     def submit(self, fn, /, *args, **kwargs):
+        """Return a finished `Future` of the call, with its result or its exception."""
         future: Future[Any] = Future()
         here = Path.cwd()
         self.folder.mkdir(exist_ok=True)
@@ -58,11 +63,17 @@ class Elsewhere(Executor):
         return future
 
     def shutdown(self, wait=True, *, cancel_futures=False):
+        """Record that the executor is closed."""
         self.open = False
 
 
 def refusing(sentence):
+    """Return a function that raises RuntimeError with a sentence, whatever its
+    arguments.
+    """
+
     def call(*_, **__):
+        """Raise the RuntimeError."""
         raise RuntimeError(sentence)
 
     return call
@@ -71,6 +82,9 @@ def refusing(sentence):
 def test_a_worker_writes_fields_and_steps_and_sends_back_results(
     write_case, tmp_path, monkeypatch
 ):
+    """A far worker writes the files that a local solve writes, to the byte but for
+    costs.
+    """
     monkeypatch.chdir(tmp_path)
     case, far = load_case(write_case(ONE)), Elsewhere(tmp_path / "far")
     run_cases([case], Run("here", 1, fields="steps"))
@@ -90,6 +104,11 @@ def test_a_worker_writes_fields_and_steps_and_sends_back_results(
 
 
 def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatch):
+    """A change of a solver's source or of a library's version makes saved results
+    invalid.
+
+    A change of the report does not.
+    """
     package = Path(saved.__file__).parents[2]
     for folder in (package, package.parent / "fem_check"):
         shutil.copytree(
@@ -142,6 +161,12 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
 def test_failure_of_a_worker_is_its_tasks_error(
     write_case, tmp_path, monkeypatch, worker, sentence
 ):
+    """Too little memory, an error, a wrong result, a time limit or other versions of a
+    worker are errors of the gate.
+
+    `worker` holds changes of `Elsewhere` or another class of executor, and `sentence`
+    is a part of the error.
+    """
     far = (
         Elsewhere(tmp_path / "far", **worker) if isinstance(worker, dict) else worker(1)
     )
@@ -157,6 +182,9 @@ def test_failure_of_a_worker_is_its_tasks_error(
 
 
 def test_a_worker_that_cannot_write_fields_says_so(write_case, tmp_path):
+    """A worker that does not see the output folder returns an error that names the
+    folder.
+    """
     *_, task = tasks_of(load_case(write_case()), Run(tmp_path / "absent", fields="all"))
     found = run.solve_on_worker(task, saved.software_versions(), jobs=1)
     assert f"does not see the folder {task.fields_file.parent}" in str(found)
@@ -185,6 +213,10 @@ def test_a_worker_that_cannot_write_fields_says_so(write_case, tmp_path):
 def test_failure_of_an_executor_is_one_sentence(
     write_case, tmp_path, changes, error, sentence
 ):
+    """A failure of the executor itself raises an error of the package.
+
+    `changes` are those of `Elsewhere`, and `sentence` is a part of the message.
+    """
     far = Elsewhere(tmp_path / "far", **changes)
     with pytest.raises(error, match=sentence):
         verify(write_case(*THEORY), output=tmp_path, executor=lambda: far)
@@ -193,6 +225,9 @@ def test_failure_of_an_executor_is_one_sentence(
 
 @pytest.mark.parametrize(("free", "jobs"), [(1e12, 4), (2.2e9, 3), (1e8, 1)])
 def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, jobs):
+    """The number of `jobs` (processes) is what `free` bytes of memory allow, at least
+    1.
+    """
     grid = (
         "points_per_shortest_wavelength = { fast = 4, full = 8 }",
         "shape = [4096, 2048]",
@@ -208,6 +243,11 @@ def test_no_more_processes_than_fit_into_memory(write_case, monkeypatch, free, j
     ("given", "threads"), [("3", 1), ("7", 3), ("", 3), ("4,2", 3)]
 )
 def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, threads):
+    """A solve on one of two workers uses half of 6 cores, or fewer if OMP_NUM_THREADS
+    says so.
+
+    `given` is the value of OMP_NUM_THREADS, and `threads` the expected number.
+    """
     monkeypatch.setattr(run, "available_cores", lambda: 6)
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     found: list[int] = []
@@ -233,6 +273,10 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
     ],
 )
 def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentence):
+    """A name that gives no executor raises `InvalidCase`.
+
+    `name` is module:function, and `sentence` is a pattern of the message.
+    """
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
     with pytest.raises(InvalidCase, match=sentence):
         executor_from(name)
@@ -242,6 +286,7 @@ def test_executor_that_cannot_be_made_is_one_sentence(monkeypatch, name, sentenc
 def test_tasks_of_a_killed_dask_worker_are_done_again(
     write_case, tmp_path, monkeypatch
 ):
+    """A Dask worker that is killed changes no verdict: its tasks are solved again."""
     distributed = pytest.importorskip("distributed")
     dask_config = importlib.import_module("dask.config")
     # A server imports Dask once for all workers that it forks, also for one that starts
@@ -252,6 +297,7 @@ def test_tasks_of_a_killed_dask_worker_are_done_again(
     killed: list[int] = []
 
     def kill(done, *_):
+        """Kill the first worker after the first result; `done` counts results."""
         if done and not killed:
             killed.append(next(iter(local.workers.values())).pid)
             os.kill(killed[0], signal.SIGKILL)

@@ -22,6 +22,7 @@ POSIX = os.name != "nt"
 
 
 def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path):
+    """`write_text` creates folders, keeps line ends, and leaves only the file."""
     target, ordinary = tmp_path / "a" / ("n" * 250 + ".txt"), tmp_path / "y"
     files.write_text(target, "old")
     files.write_text(target, "ä\r\nb\n")
@@ -34,6 +35,9 @@ def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path)
 
 
 def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path):
+    """`write_json` writes inf and nan as words, and numpy's and Python's
+    types as JSON.
+    """
     values = [
         math.inf,
         -np.inf,
@@ -62,7 +66,10 @@ def test_json_has_words_for_what_it_has_no_numbers_for(tmp_path):
 
 
 def stopped_by(error, name="x"):
-    """A block of `atomic_write` that ends in an error, in a folder."""
+    """Return a function of a folder that raises an error inside of `atomic_write`.
+
+    `name` is that of the file in the folder.
+    """
 
     def write(here):
         """Write a half of a file in a folder, then raise an error."""
@@ -75,7 +82,7 @@ def stopped_by(error, name="x"):
 
 
 def removing(here):
-    """Remove the temporary file inside of the block."""
+    """Remove the temporary file inside of `atomic_write` in a folder."""
     with files.atomic_write(here / "x") as temporary:
         temporary.unlink()
 
@@ -125,6 +132,11 @@ if POSIX:
 
 @pytest.mark.parametrize(("call", "error", "words"), REFUSED)
 def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, words):
+    """A write that fails raises one short sentence, and changes no file.
+
+    `call` takes the folder, `error` is the class raised, and `words` a pattern of its
+    message.
+    """
     for name in ("file", "file.vti"):
         (tmp_path / name).write_text("keep")
     (tmp_path / "folder").mkdir()
@@ -143,6 +155,8 @@ def test_a_refusal_is_one_sentence_and_leaves_no_trace(tmp_path, call, error, wo
 def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(
     tmp_path, monkeypatch
 ):
+    """Writing to a link replaces the link, and a full disk keeps the old content."""
+
     def full(_):
         """Raise the error of a full disk."""
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -177,6 +191,7 @@ def test_two_writers_never_mix(tmp_path):
 
 
 def test_importing_the_package_loads_no_heavy_library():
+    """The modules for files and views load no plotting or VTK library."""
     code = (
         "import sys, epcontact.files, epcontact.output.vtk, epcontact.output.view;"
         "heavy = {'vtkmodules', 'pyvista', 'matplotlib', 'meshio', 'scipy'} & "
@@ -187,6 +202,7 @@ def test_importing_the_package_loads_no_heavy_library():
 
 
 def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
+    """A run removes temporary files of killed processes, not those of running ones."""
     folder = tmp_path / "bearing-area" / "fast"
     program = (
         "import sys; from epcontact.files import atomic_write\n"

@@ -63,11 +63,15 @@ mean_pressure = [1e6, 4e7, 3e8]
 
 @pytest.fixture
 def solve(tmp_path):
-    """Return a function that solves a case of a map by boundary elements, and gives
-    its scene, its result and its JSON.
-    """
+    """Return a function that solves a case of a map by boundary elements."""
 
     def solve(heights, missing="nearest", rows=True):
+        """Solve a map of heights (24 x 20, micrometres) and return (scene, result, JSON
+        of the method).
+
+        `missing` is the key of the case file that says how holes are filled; `rows` is
+        that of `Run`.
+        """
         np.savetxt(tmp_path / "map.csv", heights.T, delimiter=",")
         path = tmp_path / "filled.toml"
         path.write_text(CASE.format(missing=missing))
@@ -113,6 +117,9 @@ def test_each_load_has_its_fractions_on_filled_heights(solve, tmp_path, rows):
 
 
 def test_a_map_without_holes_has_no_such_columns(solve, tmp_path):
+    """Without filled heights neither quantities, rows, notes nor fields
+    mention them.
+    """
     _, result, data = solve(BUMPS)
     for step, row in zip(result.steps, data["loads"], strict=True):
         assert not {*FRACTIONS} & {*step.quantities, *row}
@@ -121,12 +128,16 @@ def test_a_map_without_holes_has_no_such_columns(solve, tmp_path):
 
 
 def test_a_note_appears_only_above_half_of_the_load(solve):
+    """A note about filled heights appears only if they carry more than half of the
+    load.
+    """
     _, result, _ = solve(MAP, "harmonic")
     assert 0.2 < max(step.quantities["filled_load"] for step in result.steps) < 0.5
     assert not any("of the load" in note for note in result.notes)
 
 
 def test_removed_outliers_count_as_replaced(solve):
+    """A removed spike is marked as filled, with its fractions of contact and load."""
     spiked = BUMPS.copy()
     spiked[7, 6] += 30
     spikes = np.zeros_like(HOLES)
@@ -143,7 +154,11 @@ def test_removed_outliers_count_as_replaced(solve):
 
 
 def test_a_seventh_of_three_equal_plateaus():
-    """Three of 21 points of contact are filled; their pressures carry their load."""
+    """Three of 21 points of contact are filled: 1/7 of the contact, and their part of
+    the load.
+
+    The plateaus have 7 of 60 points each. Without a mask the fraction is 0.
+    """
     heights = np.full(60, -1.0)
     for start in (3, 23, 43):
         heights[start : start + 7] = 0.0
@@ -165,7 +180,9 @@ def test_a_seventh_of_three_equal_plateaus():
 
 
 def test_the_mask_goes_where_the_heights_go(solve, tmp_path):
-    """Into a filtered surface, a residual one, two facing ones and a file of fields."""
+    """The mask follows the heights to filtered, residual and facing surfaces and to
+    files.
+    """
     scene, _, _ = solve(MAP)
     surface = scene.surface
     assert np.array_equal(surface.filled, MIRRORED)
@@ -189,6 +206,9 @@ def test_the_mask_goes_where_the_heights_go(solve, tmp_path):
 
 
 def test_a_digest_knows_the_mask_of_heights_without_a_recipe():
+    """The fingerprint of a surface depends on its mask; an empty mask
+    counts as none.
+    """
     heights = BUMPS * 1e-6
     plain = Surface(heights, (1.0, 1.0))
     marked = Surface(heights, (1.0, 1.0), filled=HOLES)
@@ -199,5 +219,6 @@ def test_a_digest_knows_the_mask_of_heights_without_a_recipe():
 
 @pytest.mark.parametrize("mask", [HOLES.T, HOLES * 1.0, HOLES[0], "holes"])
 def test_a_mask_that_is_none_is_refused(mask):
+    """A mask of another shape or type raises `InvalidScene`."""
     with pytest.raises(InvalidScene, match=r"filled is an array of .*must be a mask"):
         Surface(BUMPS, (1.0, 1.0), filled=mask)
