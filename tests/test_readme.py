@@ -32,12 +32,17 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 
 
 def blocks(language):
+    """Return the code blocks of the README in a language, such as "bash", in their
+    order.
+    """
     return [text for found, text in BLOCKS if found == language]
 
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """A folder with the case file and the solver that the README shows."""
+    """Return a folder with the case file my-surface.toml and the solver my_solver.py
+    that the README shows.
+    """
     folder = tmp_path_factory.mktemp("readme")
     case, _ = [text for text in blocks("toml") if "[surface]" in text]
     (folder / "my-surface.toml").write_text(case)
@@ -47,6 +52,12 @@ def home(tmp_path_factory):
 
 
 def run(command, folder, timeout=280):
+    """Run a command (a list of words) in a folder with this Python's scripts on the
+    path, and return its standard output.
+
+    The test fails if the exit code is not 0; TimeoutExpired is raised after `timeout`
+    seconds.
+    """
     scripts = str(Path(sys.executable).parent)
     environment = os.environ | {"PATH": scripts + os.pathsep + os.environ["PATH"]}
     done = subprocess.run(
@@ -63,6 +74,9 @@ def run(command, folder, timeout=280):
 
 
 def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_tested():
+    """The README has less than 200 lines, names every command, and has no code block in
+    a language that these tests do not run.
+    """
     assert len(README.splitlines()) < 200
     assert [c for c in COMMANDS if f"`epcontact {c}" not in README] == []
     assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
@@ -82,6 +96,9 @@ def test_main_job_from_a_clean_checkout(tmp_path):
 
 @pytest.mark.slow
 def test_commands_then_the_code_that_reads_their_results(home):
+    """The README's commands run one after another, and its Python code reads the field
+    files that they write.
+    """
     for text in blocks("bash")[2:]:
         run(["bash", "-ec", text], home)
     assert (home / "contact.png").stat().st_size > 10_000
@@ -90,6 +107,7 @@ def test_commands_then_the_code_that_reads_their_results(home):
 
 
 def test_ten_lines_of_python(capsys):
+    """The README's first Python example has at most ten lines and prints two areas."""
     first = blocks("python")[0]
     assert len([line for line in first.splitlines() if line]) <= 10
     exec(first, {})
@@ -97,7 +115,12 @@ def test_ten_lines_of_python(capsys):
 
 
 def test_an_executor_for_slurm(monkeypatch):
+    """The guide's function that starts a Slurm executor is accepted as an executor of
+    sweeps.
+    """
+
     def job_executor(max_workers, block_allocation):
+        """Return threads in the place of executorlib's Slurm jobs."""
         assert block_allocation
         return ThreadPoolExecutor(max_workers)
 
@@ -116,6 +139,7 @@ def test_an_executor_for_slurm(monkeypatch):
 
 
 def test_a_hardness_that_grows_with_the_magnification(capsys):
+    """The guide's example of the theory prints what the guide shows."""
     guide = (ROOT / ".docs/theory.md").read_text(encoding="utf-8")
     code, output = re.search(
         r"^```python\n(from epcontact import SelfAffine.*?)^```.*?^```text\n(.*?)^```",
@@ -127,6 +151,9 @@ def test_a_hardness_that_grows_with_the_magnification(capsys):
 
 
 def test_solver_and_case_of_the_readers_own(home):
+    """The README's workflow for continuous integration verifies a reader's own solver
+    and compares it with saved values.
+    """
     (yaml,) = blocks("yaml")
     verify, compare = (
         line.split("&&")[-1].removeprefix("- run:") for line in yaml.splitlines()
@@ -216,6 +243,7 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
 
 
 def test_the_main_job_is_a_function(home, monkeypatch, capsys):
+    """The README's Python example verifies the case and prints that it holds."""
     (code,) = [text for text in blocks("python") if "epcontact.verify" in text]
     monkeypatch.chdir(home)
     exec(code, {})
@@ -227,6 +255,9 @@ def test_the_main_job_is_a_function(home, monkeypatch, capsys):
     reason="epcontact is on the path but not installed",
 )
 def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home):
+    """With the README's setting, pytest runs each gate of the named case as a test, all
+    on the worker that solves the case.
+    """
     (setting,) = [text for text in blocks("toml") if "epcontact_cases" in text]
     (home / "pyproject.toml").write_text(setting)
     (home / "my-surface.toml").rename(home / "my-surface.case.toml")
@@ -243,6 +274,9 @@ def test_pytest_collects_the_gates_of_the_cases_it_is_told_of(home):
 
 @pytest.mark.parametrize("path", EXAMPLES)
 def test_examples_in_docstrings_run(path):
+    """All examples in the docstrings of a module of the product give the shown
+    output.
+    """
     name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
     flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     found = doctest.testmod(importlib.import_module(name), optionflags=flags)

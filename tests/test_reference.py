@@ -27,7 +27,7 @@ L = 1e-3
 
 
 def integral(function, low, high):
-    """Return the integral of a function of one number between two ends."""
+    """Return the integral of a function of one number from `low` to `high`."""
     found = quad(
         lambda x: float(function(x)), low, high, epsabs=1e-13, epsrel=1e-11, limit=200
     )
@@ -35,11 +35,16 @@ def integral(function, low, high):
 
 
 def periodic_displacement(pressure, points, period):
-    """Displacement at a line's points under p, mean free: kernel -(2/(pi E*)) ln|2
-    sin(pi x/L)|.
+    """Return the displacement in m at points of a line, without its mean, under a
+    pressure.
 
-    A spectral sum over cell-averaged samples; the pressure's kinks limit it to about
-    1e-5.
+    Args:
+        pressure: mean over each of n equal cells of the period, in Pa, shape (n,).
+        points: coordinates in m at which the displacement is interpolated.
+        period: length of the line in m.
+
+    The kernel is -(2 / (pi E*)) ln|2 sin(pi x / L)|. Kinks of the pressure limit the
+    spectral sum to an accuracy of about 1e-5.
     """
     n = len(pressure)
     q = 2 * np.pi * np.fft.rfftfreq(n, period / n)
@@ -49,6 +54,10 @@ def periodic_displacement(pressure, points, period):
 
 
 def test_lattice_sums():
+    """The constants of the square lattice equal products of the zeta and the beta
+    function.
+    """
+
     def known(power):
         """Return 4 zeta(power) beta(power), the sum over a square lattice."""
         return 4 * float(mpmath.zeta(power) * mpmath.dirichlet(power, [0, 1, 0, -1]))
@@ -76,8 +85,8 @@ def test_spheres_on_a_lattice():
 
 
 def test_cylinders_in_a_row():
-    """Their pressure carries -(E* L^2/(2 pi R)) ln cos(pi a/L), and the contact is
-    flat.
+    """Cylinders in a row carry the force -(E* L^2 / (2 pi R)) ln cos(pi a / L) on the
+    half-width a, and their surface is flat in the contact.
     """
 
     def pressure(x, a):
@@ -106,6 +115,7 @@ def test_cylinders_in_a_row():
 
 
 def test_a_strip_carries_its_force_and_ends_at_its_rim():
+    """The pressure of a strip punch integrates to its force and is zero outside."""
     edge = math.sin(math.pi / 4)
 
     def substituted(t):  # sin(pi x/L) = sin(pi a/L) sin(t): no singularity
@@ -129,6 +139,11 @@ def test_a_strip_carries_its_force_and_ends_at_its_rim():
 
 @pytest.mark.parametrize("load", [0.0, 0.01, 0.05, 0.3, 0.5, 0.9, 0.95, 1.0])
 def test_means_of_a_wave_s_pressure_and_gap(load):
+    """Pressure and gap of a wave integrate to the load and the mean gap, and the
+    energy's slope is the work of the mean pressure.
+
+    `load` is the mean pressure over that of complete contact.
+    """
     fraction = waves.line_contact_fraction(load)
     assert math.sin(math.pi * fraction / 2) ** 2 == pytest.approx(load, abs=1e-15)
     rim = fraction / 2
@@ -150,8 +165,8 @@ def test_means_of_a_wave_s_pressure_and_gap(load):
 
 
 def test_limits_of_waves():
-    """Light loads are Hertz's; the load on a hole has no stress intensity at its
-    rim.
+    """Light loads on a wave tend to Hertz's contacts, and the pressure around a nearly
+    closed hole has no stress intensity at its rim.
     """
     assert (waves.line_mean_gap(0), waves.line_mean_gap(1), waves.line_energy(1)) == (
         1,
@@ -176,8 +191,8 @@ def test_limits_of_waves():
 
 
 def test_pressure_and_gap_of_a_wave_solve_the_contact_problem():
-    """The mean-free elastic displacement, less the waviness, is the gap less its
-    mean.
+    """The elastic displacement under the pressure of a wave, less the waviness, is the
+    gap of the wave, apart from a constant.
     """
     n = 16384
     load = 0.4
@@ -230,6 +245,9 @@ def scalar(form, quantity, scene):
 
 
 def test_capped_strip_has_its_two_limits():
+    """The plastic area of a capped strip punch tends to its whole width if the cap
+    carries the load, and to Irwin's plastic zone at a high hardness.
+    """
     # All of it flows when hardness times width carries the load; a light load yields a
     # rim of Irwin's size: 1 - cos(pi p0/(2 sigma_P)) times cot of the half-angle.
     width = 601 / 1000
@@ -245,8 +263,10 @@ def test_capped_strip_has_its_two_limits():
 
 
 def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
-    """kappa = sqrt(8/(pi gamma)): equal in the limit, 0.6 % below at an area of
-    0.15.
+    """Persson's area at gamma = 2/pi is the straight line of light loads in the limit,
+    and 0.6 % below at an area of 0.15.
+
+    The slope of the line is kappa = sqrt(8 / (pi gamma)) = 2.
     """
     for load, deviation in ((1e-6, 0), (0.0749, 6e-3)):
         scene = rough(load * 0.02 * STIFFNESS)
@@ -285,6 +305,9 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
 def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(
     form, quantity, scene
 ):
+    """A closed form refuses a scene or a quantity that it does not describe, in one
+    line that names the form.
+    """
     with pytest.raises(InvalidCase, match=rf"\A.*{form}.*\Z"):
         CLOSED_FORMS[form].scalar(quantity, scene)
     with pytest.raises(InvalidCase, match="hertz has no 'distribution'"):
@@ -302,12 +325,17 @@ def test_scene_that_a_form_does_not_describe_is_refused_in_one_line(
     ],
 )
 def test_a_refusal_says_what_the_form_describes(form, quantity, scene, words):
+    """The message of a refusal states which scenes the closed form describes."""
     with pytest.raises(InvalidCase, match=f"{form} describes .*{words}"):
         scalar(form, quantity, scene)
 
 
 def bump(*shape):
-    """An elastic half-space under paraboloids that are not in the middle."""
+    """Return the scene of an elastic paraboloid at 1e8 Pa, with one period along each
+    number of points in `shape`.
+
+    Its summit is not in the middle of the period.
+    """
     centre = (0.3, 0.55)[: len(shape)]
     periods = (L,) * len(shape)
     return elastic(Paraboloid(periods, shape, 1e-2, centre), 1e8)
@@ -326,6 +354,9 @@ def bump(*shape):
     ],
 )
 def test_the_pressures_of_a_form_carry_the_load_on_its_area(form, scene):
+    """The pressure field of a closed form has the mean pressure of the load, the form's
+    contact area, and its largest pressure or its distribution.
+    """
     pressure = CLOSED_FORMS[form].field("pressure", scene)
     area = scalar(form, "area.total.raw", scene)
     assert pressure.mean() == pytest.approx(scene.load.final, rel=1e-3)
@@ -340,7 +371,9 @@ def test_the_pressures_of_a_form_carry_the_load_on_its_area(form, scene):
 
 
 def test_the_work_on_a_level_layer_is_stored_or_spent():
-    """The integral of the pressure over the approach, far beyond the yield pressure."""
+    """Elastic energy and plastic work of a level layer add up to the integral of the
+    pressure over the approach, up to 8 GPa.
+    """
     material = Material(2.0e11, 0.3, yield_stress=1e9)
     surface = Surface(np.zeros((4, 4)), (L, L))
     layer = Scene(surface, material, Load(1e9), Body("bonded_layer", 1e-3))
@@ -370,7 +403,16 @@ PLACES = np.column_stack(
 
 
 def on_a_wave(points, place):
-    """Errors at 0.3 p* on a wave, its crest a share of a spacing from a grid point."""
+    """Return the relative errors of boundary elements on a wave at 0.3 of the pressure
+    that closes it.
+
+    Args:
+        points: number of grid points.
+        place: (x, y); x is the distance of the crest from a grid point in spacings.
+
+    Returns:
+        The errors of pressure, raw area, corrected area and mean gap.
+    """
     complete = waves.line_complete_pressure(1e-6, 1e-3, STIFFNESS)
     x = (np.arange(points) - place[0]) / points
     surface = Surface(1e-6 * np.cos(2 * np.pi * x), (1e-3,))
@@ -389,7 +431,10 @@ def on_a_wave(points, place):
 
 
 def on_a_sphere(points, place):
-    """Errors of the areas of a sphere at a place."""
+    """Return the relative errors of the raw and the corrected area of a sphere.
+
+    `points` is the number of grid points a side, and `place` the centre in periods.
+    """
     force = 4 * STIFFNESS * 0.2e-3**3 / (3 * 1e-2)
     radius = bumps.sphere_contact_radius_periodic(force, 1e-2, STIFFNESS, 1e-3)
     recipe = Paraboloid((1e-3, 1e-3), (points, points), 1e-2, tuple(place))
@@ -414,6 +459,12 @@ ON_A_SPHERE = [(0.9, 6e-3), (1.3, 8e-4)]
     ],
 )
 def test_orders(errors, sizes, bounds):
+    """Each error, as the root mean square over 16 places, falls with at least its
+    order, and is below its bound on the finest grid.
+
+    `errors` is the function of points and place, and `bounds` one pair (order, largest
+    error) for each of its values.
+    """
     found = np.array([[errors(int(n), place) for place in PLACES] for n in sizes])
     rms = np.sqrt(np.mean(found**2, axis=1))
     for column, (order, most) in zip(rms.T, bounds, strict=True):
@@ -422,8 +473,8 @@ def test_orders(errors, sizes, bounds):
 
 
 def test_energy_of_a_strip_punch_converges_to_the_closed_form():
-    """The pressure is singular at the rim: first order, and Richardson's limit of it is
-    right.
+    """The elastic energy under a strip punch converges with first order, because the
+    pressure is singular at the rim, and Richardson's limit is the closed form.
     """
     recipes = [FlatPunch((1e-3,), (points,), 0.3e-3, 1e-5) for points in (80, 160, 320)]
     scenes = [Scene(recipe.build(), ELASTIC, Load(1e8)) for recipe in recipes]

@@ -20,7 +20,11 @@ SOLID = (1e-3, 200e9, 1e9, 0.3)
     ],
 )
 def test_onset_under_a_sphere(poisson_ratio, depth, peak):
-    """The numbers come from mpmath, and from Jackson and Green's fit."""
+    """At first yield, the largest pressure over the yield stress (`peak`) and the depth
+    in contact radii are known numbers.
+
+    The numbers come from mpmath, and from Jackson and Green's fit.
+    """
     onset = reference.sphere_onset(poisson_ratio)
     assert onset == pytest.approx((peak, depth), abs=6e-4)
     fit = 1.295 * math.exp(0.736 * poisson_ratio)
@@ -29,9 +33,14 @@ def test_onset_under_a_sphere(poisson_ratio, depth, peak):
 
 @pytest.mark.parametrize("depth", [0.1, 1.0, 3.0])
 def test_axis_stresses_carry_the_peak_pressure(depth):
-    """sigma_z is the integral of Boussinesq's point loads over the contact."""
+    """The axial stress at a depth, in contact radii, is the integral of Boussinesq's
+    point loads over the contact.
+    """
 
     def ring(r):
+        """Return the axial stress by the load on a ring of radius r, per width of the
+        ring.
+        """
         return -3 * depth**3 * r * math.sqrt(1 - r * r) / (r * r + depth**2) ** 2.5
 
     axial = reference.sphere_axis_stresses(depth, 0.3)[1]
@@ -59,6 +68,12 @@ def test_cavity_conserves_volume():
 
 @pytest.mark.parametrize(("joint", "jump"), [(1.0, 0.075), (6.0, 0.035), (110.0, 0.08)])
 def test_pieces_meet_as_well_as_the_source_has_them(joint, jump):
+    """The pieces of the published fits jump at their joints by no more than in the
+    source.
+
+    `joint` is an interference over the critical one, and `jump` the largest relative
+    jump.
+    """
     below = reference.kogut_etsion(joint, 0.3)
     above = reference.kogut_etsion(joint * (1 + 1e-12), 0.3)
     assert below != above
@@ -71,6 +86,7 @@ def interference_at(force, fit, *arguments):
     """Return the interference at which a fit has a force, both over critical values."""
 
     def log_ratio(x):
+        """Return the logarithm of the fit's force over the wanted force."""
         return math.log(fit(x, *arguments)[0] / force)
 
     return brentq(log_ratio, 0.5, 1e4)
@@ -78,6 +94,9 @@ def interference_at(force, fit, *arguments):
 
 @pytest.mark.parametrize("target", [1.5, 5, 20, 100, 400])
 def test_the_fits_agree_within_seven_percent_at_equal_force(target):
+    """The areas of Kogut and Etsion and of Jackson and Green agree at one force;
+    `target` is the force over that of first yield.
+    """
     solid = (1e-3, 200e9, 0.5e9, 0.3)
     onset = reference.sphere_onset_force(*solid)
     areas = []

@@ -24,8 +24,10 @@ ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
 
 
 def is_reused(path, output, **options):
-    """Verify a case and return whether the boundary elements' kept result was used
-    again.
+    """Verify the case at `path` and return whether the saved result of the boundary
+    elements was reused.
+
+    `options` are those of `verify`.
     """
     notes: list[str] = []
     verify(
@@ -39,6 +41,9 @@ def is_reused(path, output, **options):
 
 
 def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path):
+    """A saved result is reused for the same case only: any change of a number, of the
+    tolerance or of the solver solves the case again.
+    """
     assert [is_reused(write_case(ONE), tmp_path) for _ in range(2)] == [False, True]
     for change in (
         ("mean_pressure = 5.0e8", "mean_pressure = 5.0000001e8"),
@@ -59,6 +64,7 @@ def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path
 
 
 def test_two_cases_of_one_id_are_refused(write_case, tmp_path):
+    """Two case files with one id raise InvalidCase before anything is written."""
     (tmp_path / "other").mkdir()
     second = load_case(write_case().rename(tmp_path / "other" / "small.toml"))
     with pytest.raises(InvalidCase, match="folders of their own"):
@@ -67,6 +73,9 @@ def test_two_cases_of_one_id_are_refused(write_case, tmp_path):
 
 
 def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
+    """An error that 60 surfaces share is reported once, with the first surface and the
+    number of the others.
+    """
     case = load_case(write_case())
     errors = tuple(f"bem, seed{i}: a worker process died" for i in range(60))
     outcome = judge_case(
@@ -79,6 +88,11 @@ def test_one_reason_is_said_once_however_many_surfaces_have_it(write_case):
     "module", ["epcontact.bem.level", "epcontact.harness.methods.registry"]
 )
 def test_kernels_compile_where_nothing_can_be_written(module, tmp_path):
+    """If the cache of kernels cannot be written, kernels are compiled in a temporary
+    folder that is deleted at the end of the process.
+
+    `module` is imported in a new process.
+    """
     program = """
 import importlib, os, sys
 from pathlib import Path
@@ -106,7 +120,12 @@ assert Path(os.environ["NUMBA_CACHE_DIR"]).is_dir()
 
 
 def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_path):
-    """Numba alone raises UnpicklingError for ever, ducc0 an assertion of C++."""
+    """Damaged files of the kernel cache are compiled again, and an empty
+    OMP_NUM_THREADS is no error.
+
+    Numba alone would raise UnpicklingError at every start, and ducc0 an assertion of
+    C++.
+    """
     program = (
         "from epcontact.machine import provide_kernel_cache as p; p()\n"
         "from fem_check import kernel; import ducc0, numpy\n"
@@ -134,6 +153,9 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
 
 
 def test_time_limit_leaves_the_compilation_of_kernels_out():
+    """The seconds that numba compiles do not count against the time limit of a solve,
+    here 0.3 s.
+    """
     machine.provide_kernel_cache()
     before = machine.compile_seconds()
     with run._time_limit(0.3), event.trigger_event("numba:compiler_lock"):
@@ -169,6 +191,12 @@ print(outer(3), outer(3.0), sum(outer.stats.cache_misses.values()), any(seen))
     not hasattr(signal, "SIGALRM"), reason="needs alarms and locks of files"
 )
 def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
+    """Two processes that need one kernel compile it once, in spite of alarms every 5
+    ms, and again after its source has changed.
+
+    Each process prints two results, its number of compilations, and whether an alarm
+    came while it compiled.
+    """
     # Numba alone loses a kernel to a signal that comes while LLVM runs, compiles the
     # first one in every process, and does not see that the source of a kernel inside
     # has changed.

@@ -39,7 +39,9 @@ NOISE = re.compile(r"measured_|boundary elements \||\| yes \|")
 
 
 def lasting(text):
-    """Return a text without what changes from machine to machine."""
+    """Return a text without what changes from machine to machine: versions, digests,
+    and numbers of measured lines.
+    """
     for pattern, name in VARYING.items():
         text = re.sub(pattern, name, text)
     lines = [line.rstrip() for line in text.splitlines()]
@@ -55,7 +57,9 @@ def words_of(line):
 
 
 def tolerance_of(number, scale):
-    """Return how far a number may be off that is printed in a line of this scale."""
+    """Return the allowed difference of a printed number (a text) in a line whose
+    largest number is `scale`.
+    """
     digits, _, exponent = number.partition("e")
     _, point, decimals = digits.partition(".")
     last_digit = 0.0
@@ -66,7 +70,9 @@ def tolerance_of(number, scale):
 
 
 def compare_screens(obtained, expected):
-    """Compare the words of two files exactly and their numbers within tolerances."""
+    """Require that two files (paths) have equal words line by line, and numbers that
+    are equal within tolerances.
+    """
     lines = obtained.read_text("utf-8").splitlines()
     saved_lines = expected.read_text("utf-8").splitlines()
     assert [words_of(line) for line in lines] == [words_of(s) for s in saved_lines]
@@ -87,9 +93,10 @@ def terminal_width(monkeypatch):
 
 @pytest.fixture
 def check_screen(file_regression):
-    """Compare a text with the saved screen of the test."""
+    """Return a function that compares a text with the saved screen of the test."""
 
     def check(text):
+        """Compare the lasting part of the text with the saved screen."""
         file_regression.check(lasting(text), encoding="utf-8", check_fn=compare_screens)
 
     return check
@@ -125,7 +132,11 @@ because = "it is a number"
 
 @pytest.fixture(scope="module")
 def metals(tmp_path_factory):
-    """Run the scene once; return a function that shows the screen of a command."""
+    """Run and verify the case of two metals once.
+
+    The returned namespace has the folder `home`, the case file `case`, the `screens` of
+    both commands, and the function `screen` that runs a further command.
+    """
     home = tmp_path_factory.mktemp("screens")
     text = SMALL_CASE + GATES
     for old, new in CHANGES.items():
@@ -135,6 +146,9 @@ def metals(tmp_path_factory):
     case.write_text(text)
 
     def screen(command, *options, returncode=0):
+        """Run a command, require its exit code, and return what it prints, with HOME
+        for the folder.
+        """
         done = invoke(command, *options)
         assert done.returncode == returncode, done
         return done.stdout.replace(str(home), "HOME")
@@ -148,10 +162,12 @@ def metals(tmp_path_factory):
 
 
 def test_run(metals, check_screen):
+    """The screen of `run` at two loads."""
     check_screen(metals.screens["run"])
 
 
 def test_verify(metals, check_screen):
+    """The screen of `verify` with a gate that falls short."""
     check_screen(metals.screens["verify"])
 
 
@@ -170,44 +186,54 @@ def test_report(metals, check_screen):
 
 
 def test_gates(metals, check_screen):
+    """The screen of `gates`: the bands and the last values of a case's gates."""
     check_screen(metals.screen("gates", metals.case, "--output", metals.home))
 
 
 def test_plan(metals, check_screen):
+    """The screen of `plan` for areas within 7 %."""
     options = ("--tolerance", "7%", "--check")
     check_screen(metals.screen("plan", metals.case, *options))
 
 
 def test_cite(metals, check_screen):
+    """The screen of `cite`: the literature that a case uses."""
     check_screen(metals.screen("cite", metals.case))
 
 
 def screen_of(command):
-    """Return what a command prints that needs no scene."""
+    """Return what a command (one text) prints, which needs no scene and must
+    succeed.
+    """
     done = invoke(*command.split())
     assert done.returncode == 0
     return done.stdout
 
 
 def test_list(check_screen):
+    """The screen of `list`: all cases of the package."""
     check_screen(screen_of("list"))
 
 
 def test_keys(check_screen):
+    """The screen of `keys`: all keys of a case file."""
     check_screen(screen_of("keys"))
 
 
 def test_chart(check_screen):
+    """The screen of `chart`: all studies."""
     check_screen(screen_of("chart"))
 
 
 def test_hardness(check_screen):
+    """The screen of `hardness` for a metal in SI units."""
     metal = "--yield-stress 1e9 --young-modulus 7e10 --poisson-ratio 0.2"
     surface = "--mean-pressure 2e8 --rms-slope 0.1 --breadth 9"
     check_screen(screen_of(f"hardness {metal} {surface}"))
 
 
 def test_joint(check_screen):
+    """The screen of `joint` for two conducting bodies in SI units."""
     bodies = "--conductivities 16 50 --hardness 3e9 --effective-modulus 2e10"
     surface = "--rms-height 3e-6 --rms-slope 0.2 --mean-pressure 3e7 --breadth 9"
     check_screen(screen_of(f"joint {bodies} {surface}"))
@@ -236,6 +262,7 @@ def test_verify_of_many_cases(check_screen, capsys):
 
 
 def test_compare(check_screen, tmp_path):
+    """The screen of `compare` for two tables of values that differ."""
     old, new = changed_tables()
     old.to_csv(tmp_path / "old.csv")
     new.to_csv(tmp_path / "new.csv")
@@ -263,5 +290,6 @@ material.hardness = [3e9, 6e9, 12e9]
 
 
 def test_every_saved_screen_belongs_to_a_test():
+    """No saved screen is left of a test that was renamed or deleted."""
     files = Path(__file__).with_suffix("").glob("*.txt")
     assert {file.stem for file in files} <= {*globals()}

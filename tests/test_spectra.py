@@ -33,8 +33,14 @@ PAPER = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 1.0)
 
 
 def exact_shape_moment(spectrum, order, dimension, highest):
-    """Return the integral that defines a moment for C_0 = 1, by quadrature in 40
+    """Return the integral of q^order times a spectrum's shape, by quadrature in 40
     digits.
+
+    Args:
+        spectrum: its shape is 1 up to the roll-off, and a power of q beyond.
+        order: exponent of the wavenumber q in rad/m.
+        dimension: 1 for a line, 2 for a surface.
+        highest: end of the integral in rad/m.
     """
     with mpmath.workdps(40):
         exponent = -(2 * mpmath.mpf(spectrum.hurst) + dimension)
@@ -43,6 +49,7 @@ def exact_shape_moment(spectrum, order, dimension, highest):
         q1 = mpmath.mpf(min(spectrum.wavenumber_high, highest))
 
         def integrand(log_q):
+            """Return the integrand over ln q, with the Jacobian of q."""
             q = mpmath.exp(log_q)
             return max(q / qr, 1) ** exponent * q ** (order + dimension)
 
@@ -54,6 +61,9 @@ def exact_shape_moment(spectrum, order, dimension, highest):
 @pytest.mark.parametrize("dimension", [1, 2])
 @pytest.mark.parametrize("hurst", HURST)
 def test_moments_equal_their_integrals(hurst, dimension):
+    """Moments up to a wavenumber in rad/m are integrals by quadrature, scaled to the
+    rms slope of 0.4.
+    """
     spectrum = SelfAffineSpectrum(hurst, 3.0, 7.0, 900.0, 0.4)
     slope_variance = exact_shape_moment(spectrum, 2, dimension, 900.0)
     factor = 0.4**2 / slope_variance
@@ -68,7 +78,11 @@ def test_moments_equal_their_integrals(hurst, dimension):
 
 @pytest.mark.parametrize("dimension", [1, 2])
 def test_density_is_flat_then_a_power_and_zero_outside(dimension):
-    """Limits typed with seven digits are inside."""
+    """The density is constant up to the roll-off, falls with exponent -(2 H +
+    dimension), and is 0 outside of the band.
+
+    Wavenumbers that were typed with seven digits are inside.
+    """
     low = [2.4e4, 2.5e4 * 0.99999, 2.5e4 * (1 - 1e-7), 1e5]
     high = [2e5, 64e5 * (1 + 1e-7), 64e5 * 1.00001, 65e5]
     values = density(PAPER, [*low, *high], dimension)
@@ -78,11 +92,13 @@ def test_density_is_flat_then_a_power_and_zero_outside(dimension):
 
 
 def test_density_grows_with_the_square_of_the_slope():
+    """Three times the rms slope is nine times the density."""
     steeper = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 64e5, 3.0)
     assert density(steeper, 1e6) == pytest.approx(9 * density(PAPER, 1e6), rel=1e-14)
 
 
 def test_what_has_no_density_is_refused():
+    """A band without width and a dimension of 3 raise InvalidScene."""
     with pytest.raises(InvalidScene, match="band of some width"):
         density(SelfAffineSpectrum(0.8, 1e5, 1e5, 1e5, 1.0), 1e5)
     with pytest.raises(InvalidScene, match="dimension is 3"):
@@ -92,12 +108,16 @@ def test_what_has_no_density_is_refused():
 @pytest.mark.parametrize("dimension", [1, 2])
 @pytest.mark.parametrize("cut", [6e4, 1e5, 3e6, 1e8])
 def test_truncation_keeps_the_density(cut, dimension):
+    """A spectrum that is cut at a wavenumber in rad/m has the same density below the
+    cut.
+    """
     q = np.geomspace(2.5e4, min(cut, 64e5), 20)
     found = density(truncate(PAPER, cut, dimension), q, dimension)
     assert_allclose(found, density(PAPER, q, dimension), rtol=1e-13)
 
 
 def test_truncation_to_nothing_is_refused():
+    """A cut at the lowest wavenumber raises InvalidScene."""
     with pytest.raises(InvalidScene, match="leaves nothing"):
         truncate(PAPER, 2.5e4)
 
@@ -120,13 +140,17 @@ ROUNDING = 1e-13
 
 @pytest.fixture(params=GRIDS, ids=str)
 def surface(request):
-    """White noise about a mean of 5, which has power in every mode, Nyquist's too."""
+    """Return white noise about a mean of 5 m, which has power in every mode, the
+    Nyquist modes included.
+    """
     shape, periods = request.param
     return Surface(5 + np.random.default_rng(1).standard_normal(shape), periods)
 
 
 def wave_vector(surface):
-    """Return the components of q of each mode of numpy.fft."""
+    """Return the components of the wave vector q, in rad/m, of each mode of
+    `numpy.fft.fftn`, as one array a direction.
+    """
     axes = []
     for points, spacing in zip(surface.shape, surface.spacing, strict=True):
         axes.append(2 * np.pi * np.fft.fftfreq(points, spacing))
@@ -134,9 +158,11 @@ def wave_vector(surface):
 
 
 def table_of_modes(surface):
-    """Return q, variance, slope variance and ring of all modes but the mean.
+    """Return a table of wavenumber q, variance, slope variance and ring of all modes
+    but the mean.
 
-    A line has its positive modes alone, with the variance of both signs.
+    A line has its positive modes alone, with the variance of both signs. Rings have the
+    width of the first wavenumber.
     """
     modes = np.fft.fftn(surface.heights) / surface.heights.size
     q = np.sqrt(sum(component**2 for component in wave_vector(surface)))
@@ -150,10 +176,14 @@ def table_of_modes(surface):
 
 
 def first_wavenumber(surface):
+    """Return the lowest wavenumber of a surface in rad/m."""
     return 2 * math.pi / max(surface.periods)
 
 
 def test_moments_are_mean_squares_of_derivatives(surface):
+    """The rms height, slope and curvature are those of derivatives by Fourier
+    transforms.
+    """
     modes = np.fft.fftn(surface.heights)
     slope_variance = 0.0
     laplacian = np.zeros_like(modes)
@@ -168,6 +198,7 @@ def test_moments_are_mean_squares_of_derivatives(surface):
 
 
 def test_skewness_and_kurtosis_are_those_of_the_heights(surface):
+    """Skewness and excess kurtosis are moments of the heights themselves."""
     heights = surface.heights - surface.heights.mean()
     rms = surface.heights.std()
     found = topography(surface)
@@ -178,6 +209,9 @@ def test_skewness_and_kurtosis_are_those_of_the_heights(surface):
 
 
 def test_rings_are_sums_over_their_modes(surface):
+    """Each ring of the radial spectrum holds the mean wavenumber, number, density and
+    variances of its modes.
+    """
     groups = table_of_modes(surface).groupby("ring")
     sums = groups.sum()
     count = groups.size()
@@ -196,6 +230,9 @@ def test_rings_are_sums_over_their_modes(surface):
 
 
 def test_octaves_are_sums_over_their_rings(surface):
+    """Each octave holds the height variance of its rings and begins at a power of two
+    of the first wavenumber.
+    """
     rings = radial_spectrum(surface)
     first = first_wavenumber(surface)
     octave = np.floor(np.log2(rings.wavenumber / first) + 1e-9)
@@ -206,6 +243,9 @@ def test_octaves_are_sums_over_their_rings(surface):
 
 
 def test_partial_slopes_are_those_of_rings_and_of_filtered_surfaces(surface):
+    """The slope variance up to a wavenumber is the sum over rings, and the slope
+    variance of the filtered surface.
+    """
     rings = radial_spectrum(surface)
     edges = rings.upper_edge[::-1, None]
     found = cumulative_slope_variance(surface, edges)

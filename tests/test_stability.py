@@ -22,6 +22,9 @@ def coarse():
 
 
 def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
+    """The project's own methods converge at every point of the maps, with a residual of
+    at most EXAMINED, and every failure of others has a reason of one line.
+    """
     own = coarse[
         coarse["method"].isin(["newton", "package"]) | (coarse["map"] == "fem")
     ]
@@ -35,6 +38,9 @@ def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
 
 
 def test_neither_sum_of_the_theory_serves_everywhere(coarse):
+    """The sum over eigenfunctions fails at the smallest diffusion and holds at the
+    largest, and the sum over images the other way round.
+    """
     # Eigenfunctions lose small plastic areas to cancellation, images what is left of
     # the elastic.
     _, diffusions = SIZES["coarse"]["theory"]
@@ -50,6 +56,9 @@ def test_neither_sum_of_the_theory_serves_everywhere(coarse):
 
 @pytest.mark.long
 def test_newton_fails_nowhere_on_the_full_map():
+    """Newton's method converges at all points of the full maps of capped and elastic
+    bodies.
+    """
     found = stability(["capped", "elastic"], "full", methods=["newton"])
     assert len(found) == 13 * 13 + 13
     assert found["converged"].all()
@@ -80,6 +89,9 @@ def failing(error):
 def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
     solve, residual, reason, monkeypatch
 ):
+    """A failed solve and one that stops too early are failures on the map, with their
+    residual and a reason that begins with `reason`.
+    """
     monkeypatch.setattr(bem, "solve", lambda scene, **_: solve(scene))
     found = stability(["elastic"], methods=["newton"])
     told = found[~found["converged"]]
@@ -89,6 +101,9 @@ def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
 
 
 def test_files_hold_every_point(coarse, tmp_path):
+    """The stability study writes every point and the count of failures to
+    stability.json, and one picture a map.
+    """
     write(coarse, "coarse", tmp_path)
     assert {path.stem for path in tmp_path.glob("*.png")} == {
         f"stability-{name}" for name in MAPS
@@ -103,6 +118,9 @@ def test_files_hold_every_point(coarse, tmp_path):
 
 @pytest.mark.parametrize("name", MAPS)
 def test_a_map_holds_the_effort_of_each_point(coarse, name):
+    """The chart of a map has the effort of each point that converged and NaN for
+    others, with one panel for each method.
+    """
     points = coarse[coarse["map"] == name]
     drawn = chart(points, "coarse")
     rows = pd.DataFrame(drawn.rows)
@@ -118,6 +136,9 @@ def test_a_map_holds_the_effort_of_each_point(coarse, name):
 
 
 def test_the_summary_counts_points_and_failures_and_has_the_largest_effort():
+    """The table in the terminal has points, failures and the largest effort of each
+    method.
+    """
     points = pd.DataFrame(
         {
             "map": ["capped", "capped", "capped", "fem"],
@@ -137,6 +158,7 @@ def test_the_summary_counts_points_and_failures_and_has_the_largest_effort():
 
 
 def test_unknown_map_or_size():
+    """An unknown map or size raises InvalidCase that quotes it."""
     for maps, size, word in (
         (["caped"], "coarse", "'caped'"),
         (["capped"], "huge", "'huge'"),

@@ -34,11 +34,12 @@ DELIMITERS = {".csv": ",", ".dat": ";"}
 def write(tmp_path):
     """Return a function that writes a file and returns its path.
 
-    The content is bytes, or heights [x, y], which are written as a picture in the
-    format of the name's ending.
+    The function takes a file name and its content: bytes, or heights [x, y], which are
+    written as a picture [y, x] in the format of the name's ending.
     """
 
     def write(name, content):
+        """Write the content to a file of this name and return its path."""
         path = tmp_path / name
         if isinstance(content, bytes):
             path.write_bytes(content)
@@ -54,6 +55,9 @@ def write(tmp_path):
 
 
 def refused(words):
+    """Return a context in which InvalidScene must be raised with a message that matches
+    `words`, a regular expression.
+    """
     return pytest.raises(InvalidScene, match=words)
 
 
@@ -71,6 +75,9 @@ def refused(words):
     ],
 )
 def test_every_format_holds_the_same_heights(write, name, kind):
+    """Binary and text files give the same heights and periods; `kind` is the numpy type
+    of the values, which are in micrometres.
+    """
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
     assert np.array_equal(surface.heights, heights * 1e-6)
@@ -83,6 +90,7 @@ def test_every_format_holds_the_same_heights(write, name, kind):
     [("row.npy", MAP[3]), ("row.txt", MAP[3][:, None]), ("column.txt", MAP[3])],
 )
 def test_a_row_or_a_column_is_a_line(write, name, content):
+    """A file with a single row or column of heights is a line with one period."""
     recipe = HeightsFromFile(write(name, content), (3.0,), 1.0, "refuse")
     assert np.array_equal(recipe.build().heights, MAP[3])
 
@@ -113,6 +121,9 @@ def test_a_row_or_a_column_is_a_line(write, name, content):
     ],
 )
 def test_tables_as_programs_write_them(write, name, content, notes):
+    """Separators, decimal commas, headers and encodings of instruments and spreadsheets
+    are read, and each of `notes` is part of the surface's notes.
+    """
     path = write(name, content)
     surface = HeightsFromFile(path, (100.0, 100.0), 1.0, "periodic").build()
     assert np.array_equal(surface.heights, [[1.5, 3.5], [2.5, 4.5]])
@@ -121,6 +132,9 @@ def test_tables_as_programs_write_them(write, name, content, notes):
 
 
 def test_commas_that_separate_and_are_decimal_are_refused(write):
+    """A table whose commas are separators and decimal commas at once is refused, but
+    integers between commas are read.
+    """
     lines = []
     for row in MAP[:9, :8]:
         lines.append(",".join(f"{value:.3f}".replace(".", ",") for value in row))
@@ -131,6 +145,9 @@ def test_commas_that_separate_and_are_decimal_are_refused(write):
 
 
 def test_coordinates_beside_the_heights_are_noted(write):
+    """A first column and a first line with even steps are noted as likely
+    coordinates.
+    """
     table = np.column_stack([np.arange(12) * 0.8, MAP[:12, :10]])
     path = write("map.csv", np.vstack([[np.nan, *range(10)], table]))
     recipe = HeightsFromFile(path, (L, L), 1.0, "periodic", missing="nearest")
@@ -139,11 +156,17 @@ def test_coordinates_beside_the_heights_are_noted(write):
 
 
 def test_a_plane_is_not_taken_for_coordinates(write):
+    """A tilted plane, all of whose columns have even steps, gets no note about
+    coordinates.
+    """
     plane = write("plane.csv", np.add.outer(np.arange(12.0), 2.0 * np.arange(10)))
     assert "even steps" not in str(HeightsFromFile(plane, (L, L), 1.0).build().notes)
 
 
 def test_steps_that_a_number_cannot_hold_are_no_coordinates(write):
+    """Heights whose differences overflow are refused for their size, without a warning
+    of numpy.
+    """
     huge = np.array([-9.24e307, 9.24e307])[np.arange(12 * 9).reshape(12, 9) % 2]
     with refused("heights reach"):
         HeightsFromFile(write("huge.csv", huge), (L, L), 1.0, "periodic").build()
@@ -165,6 +188,9 @@ MESHES = ["binary.stl", "map.ply", "map.vtu"]
 
 
 def recipe_of_mesh(path, points):
+    """Write points (n, 3) as a mesh of triangles to `path`, and return the recipe that
+    reads the mesh in millimetres.
+    """
     triangles = np.arange(len(points), dtype=np.int32).reshape(3, -1).T
     options = {"binary": True} if path.name.startswith("binary") else {}
     meshio.Mesh(points, [("triangle", triangles)]).write(path, **options)
@@ -173,6 +199,9 @@ def recipe_of_mesh(path, points):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
+    """A mesh whose points lie on a 12 x 9 grid is a map with the periods of the grid
+    and its heights less their mean.
+    """
     recipe = recipe_of_mesh(tmp_path / name, POINTS)
     assert recipe.periods == pytest.approx((1.2e-3, 2.25e-3), rel=1e-6)
     expected = 1e-3 * (PIECE - PIECE.mean())
@@ -189,11 +218,15 @@ def test_meshes_on_a_grid_are_height_maps(tmp_path, name):
     ],
 )
 def test_meshes_on_no_grid_are_refused(tmp_path, name, points):
+    """Points above each other, at random places, or with exchanged coordinates are
+    refused.
+    """
     with refused(f"{name}: its points are no height map"):
         recipe_of_mesh(tmp_path / name, points)
 
 
 def text_of(points):
+    """Return points (n, 3) as the bytes of a table with one point a line."""
     return "\n".join(",".join(map(repr, row)) for row in points.tolist()).encode()
 
 
@@ -202,7 +235,9 @@ def text_of(points):
     [("complete.xyz", 0), ("complete.csv", 0), ("gaps.xyz", 30), ("gaps.txt", 30)],
 )
 def test_lists_of_points_are_maps(write, name, missing):
-    """Points without a height are left out; the others come in any order."""
+    """A list of points in any order is a map; `missing` of its 108 points are left out
+    and filled in.
+    """
     listed = np.random.default_rng(3).permutation(POINTS)[missing:]
     path = write(name, b"X, Y, Z\n" + text_of(listed))
     recipe = HeightsFromFile(
@@ -220,11 +255,13 @@ def test_lists_of_points_are_maps(write, name, missing):
 
 
 def test_lists_of_points_may_mark_missing_heights(write):
+    """A word in the place of a height marks the point as missing."""
     path = write("marked.xyz", b"0 0 No Data\n0 1 2\n1 0 3\n1 1 4\n")
     assert HeightsFromFile(path, unit=1.0, missing="nearest").shape == (2, 2)
 
 
 def test_a_list_of_less_than_half_of_the_points_is_refused(write):
+    """A list that holds fewer than half of the points of its grid is refused."""
     path = write("sparse.xyz", text_of(POINTS[::2][:-5]))
     with refused("sample them on a grid first"):
         HeightsFromFile(path, unit=1e-6)
@@ -235,7 +272,11 @@ def test_a_list_of_less_than_half_of_the_points_is_refused(write):
 
 @dataclass
 class Topography:
-    """The part of SurfaceTopography's topographies that is used here."""
+    """Those attributes of the topographies of SurfaceTopography that the reader uses.
+
+    `unit` is the name of the length unit, `hole` the mask of missing heights, and
+    `scale` the number of units in a metre. The map has periods of 2 m and 3 m.
+    """
 
     unit: str | None = "nm"
     hole: Any = False
@@ -244,26 +285,39 @@ class Topography:
 
     @property
     def physical_sizes(self):
+        """Return both periods in the topography's unit."""
         return 2 * self.scale, 3 * self.scale
 
     def heights(self):
+        """Return the map in the topography's unit, masked where it has holes."""
         return np.ma.masked_array(self.scale * MAP, self.hole)
 
     def to_unit(self, unit):
+        """Return the topography in a unit, which is the metre here."""
         return replace(self, unit=unit, scale=1.0)
 
 
 def unreadable_topography():
+    """Raise KeyError with two lines, as SurfaceTopography does for a file that it
+    cannot read.
+    """
     raise KeyError("tried XYZReader:\n no grid")
 
 
 @pytest.fixture
 def instrument(write, monkeypatch):
-    """Return a function that gives the recipe of a file of an instrument."""
+    """Return a function that gives the recipe of an instrument's file.
+
+    The function takes a function that returns the topography, which stands in for
+    SurfaceTopography's reader, and the options of the recipe.
+    """
     path = write("map.sur", b"DIGITAL SURF")
 
     def recipe(topography, **options):
+        """Return the recipe of map.sur, whose reader returns `topography()`."""
+
         def open_topography(_):
+            """Return a context with the reader of the file."""
             return contextlib.nullcontext(types.SimpleNamespace(topography=topography))
 
         module: Any = types.SimpleNamespace(open_topography=open_topography)
@@ -274,6 +328,9 @@ def instrument(write, monkeypatch):
 
 
 def test_instrument_files_give_their_size_and_unit(instrument):
+    """The file's periods and unit are used, and periods that the user gives override
+    those of the file.
+    """
     recipe = instrument(Topography)
     assert recipe.periods == pytest.approx((2.0, 3.0))
     assert recipe.build().heights == pytest.approx(MAP, rel=1e-14)
@@ -281,6 +338,9 @@ def test_instrument_files_give_their_size_and_unit(instrument):
 
 
 def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
+    """A file without a unit is read with the periods and the unit that the user
+    gives.
+    """
     recipe = instrument(partial(Topography, None), periods=(2.0, 3.0), unit=1e-9)
     assert recipe.build().heights == pytest.approx(MAP, rel=1e-14)
 
@@ -297,17 +357,22 @@ def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
     ],
 )
 def test_instrument_files_are_refused(instrument, topography, options, message):
+    """A contradictory or incomplete file of an instrument is refused with a matching
+    message.
+    """
     with refused(message):
         instrument(topography, **options).build()
 
 
 def test_instrument_files_need_surface_topography(write, monkeypatch):
+    """Without SurfaceTopography the message names the command that installs it."""
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     with refused(r"SurfaceTopography; pip install 'epcontact\[instr"):
         HeightsFromFile(write("map.sur", b"DIGITAL SURF"), (1.0, 1.0))
 
 
 def test_a_zip_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    """An archive that would unpack to more than the limit, here 1 MiB, is refused."""
     module: Any = types.SimpleNamespace(open_topography=None)
     monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
     monkeypatch.setattr(readers, "_UNPACKED", 2**20)
@@ -323,10 +388,14 @@ def test_a_zip_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
 
 @pytest.fixture
 def map_file(write):
+    """Return the path of the periodic 48 x 50 map as a .npy file."""
     return write("map.npy", MAP)
 
 
 def test_periods_by_one_length_or_by_the_pixel(write, map_file):
+    """One period holds for both sides of a square map, and a pixel size gives the
+    periods of any map.
+    """
     square = write("square.npy", MAP[:, :48])
     assert HeightsFromFile(square, (2.0,), unit=1.0).periods == (2.0, 2.0)
     assert HeightsFromFile(map_file, pixel_size=0.5, unit=1.0).periods == (24.0, 25.0)
@@ -343,11 +412,13 @@ def test_periods_by_one_length_or_by_the_pixel(write, map_file):
     ],
 )
 def test_periods_or_units_that_are_no_such_are_refused(map_file, arguments, message):
+    """Missing, contradictory or superfluous periods and a missing unit are refused."""
     with refused(message):
         HeightsFromFile(**{"path": map_file, "unit": 1.0} | arguments)
 
 
 def test_what_is_no_file_is_refused(tmp_path):
+    """A folder and a path without a file are refused."""
     with refused("is a folder"):
         HeightsFromFile(tmp_path, (1.0, 1.0), 1.0)
     with refused(r"none\.npy: no such file"):
@@ -356,11 +427,14 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 @pytest.fixture
 def with_slope(map_file):
-    """Return a function that gives the recipe of the map with a unit that makes its rms
-    slope such a number.
+    """Return a function that takes an rms slope and returns the recipe of the map with
+    the unit that gives it this slope.
     """
 
     def recipe(unit):
+        """Return the recipe of the map in a unit of heights in m, with 1 m between
+        points.
+        """
         return HeightsFromFile(map_file, pixel_size=1.0, unit=unit, form=0)
 
     slope_of_map = recipe(1.0).build().rms_slope
@@ -368,6 +442,9 @@ def with_slope(map_file):
 
 
 def test_a_slope_of_no_surface_is_refused(with_slope):
+    """An rms slope above 10 is refused as a wrong unit, and a slope of 9 is
+    accepted.
+    """
     with refused("npy: the rms slope is 11, beyond that of any surface; .* check unit"):
         with_slope(11.0).build()
     assert with_slope(9.0).build().rms_slope == pytest.approx(9)
@@ -375,11 +452,15 @@ def test_a_slope_of_no_surface_is_refused(with_slope):
 
 @pytest.mark.parametrize(("slope", "is_noted"), [(0.9e-4, True), (1.1e-4, False)])
 def test_a_slope_of_optical_flats_is_noted(with_slope, slope, is_noted):
+    """An rms slope below 1e-4 is noted, because only optical flats have it."""
     note = "the rms slope is 9e-05, below that of any but optical flats; the "
     assert (note in str(with_slope(slope).build().notes)) == is_noted
 
 
 def test_a_slope_of_no_surface_is_refused_with_marks_that_may_cause_it(write):
+    """If the steep slope may come from marks of missing heights, such as -9999, the
+    message names the mark and its count.
+    """
     marked = np.where(np.arange(MAP.size).reshape(MAP.shape) % 400 < 2, -9999.0, MAP)
     recipe = HeightsFromFile(write("marks.txt", marked), pixel_size=1.0, unit=2.0)
     with refused("check unit, .*; or 12 heights are -9999, far from all others"):
@@ -390,6 +471,7 @@ def test_a_slope_of_no_surface_is_refused_with_marks_that_may_cause_it(write):
 
 
 def test_the_content_identifies_a_map_and_not_its_path(write, map_file):
+    """The fingerprint of a file's recipe depends on its heights and not on its path."""
     recipe = HeightsFromFile(map_file, (L, L), 1.0, "refuse")
     other = write("other.npy", MAP)
     changed = write("changed.npy", MAP + 1e-12)
@@ -398,6 +480,7 @@ def test_the_content_identifies_a_map_and_not_its_path(write, map_file):
 
 
 def test_every_treatment_is_in_the_fingerprint(map_file):
+    """Each option of the treatment changes the fingerprint."""
     recipe = HeightsFromFile(map_file, (L, L), 1.0, "refuse")
     changes: list[dict[str, Any]] = [
         {},
@@ -417,6 +500,9 @@ def test_every_treatment_is_in_the_fingerprint(map_file):
 
 
 def test_a_recipe_travels_without_its_heights(map_file):
+    """A pickled recipe holds less than 1000 bytes, and reads the heights again where it
+    arrives.
+    """
     recipe = HeightsFromFile(map_file, (L, L), 1.0, "refuse")
     sent = pickle.dumps(recipe)
     assert len(sent) < 1000 < MAP.nbytes
@@ -427,6 +513,7 @@ def test_a_recipe_travels_without_its_heights(map_file):
 
 
 def test_an_array_is_copied(map_file):
+    """A recipe of an array keeps its heights after the array is overwritten."""
     given = MAP.copy()
     recipe = HeightsFromArray(given, (L, L))
     given[...] = 0
@@ -455,6 +542,9 @@ GOOD = HeightsFromArray(HILLS, (1e3, 1e3), "periodic")
     ids=lambda value: str(value)[:12],
 )
 def test_what_is_no_height_map_is_refused(heights, message):
+    """Values that are no 1D or 2D array of finite, plausible heights in m are refused
+    with a matching message.
+    """
     with refused(message):
         replace(GOOD, heights=heights)
     with refused(message):
@@ -474,6 +564,7 @@ def test_what_is_no_height_map_is_refused(heights, message):
     ],
 )
 def test_what_is_no_treatment_is_refused(change, message):
+    """An invalid treatment, period, form or wavelength is refused."""
     with refused(message):
         replace(GOOD, **change)
 
@@ -507,6 +598,7 @@ HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 100000000
     ids=lambda value: str(value)[:12],
 )
 def test_broken_files_end_in_a_sentence(write, name, content, words):
+    """A broken file is refused in one line that names the file and matches `words`."""
     with refused(words) as caught:
         HeightsFromFile(write(name, content), (1.0, 1.0), unit=1.0).build()
     assert name in str(caught.value)

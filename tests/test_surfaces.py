@@ -50,13 +50,19 @@ GRIDS = [
 
 
 def assert_close(found, expected, tolerance):
-    """Compare arrays; on large ones this is quicker than pytest.approx."""
+    """Require that two arrays have one shape and differ by at most `tolerance` at every
+    element.
+
+    On large arrays this is quicker than pytest.approx.
+    """
     assert np.shape(found) == np.shape(expected)
     assert np.abs(np.asarray(found) - expected).max() <= tolerance
 
 
 def wavenumbers(surface):
-    """Return |q| of each mode of numpy.fft."""
+    """Return |q| in rad/m of each mode of `numpy.fft.fftn` of a surface, with the
+    surface's shape.
+    """
     axes = []
     for points, spacing in zip(surface.shape, surface.spacing, strict=True):
         axes.append(2 * np.pi * np.fft.fftfreq(points, spacing))
@@ -66,7 +72,11 @@ def wavenumbers(surface):
 @pytest.mark.parametrize("hurst", [0.0, 0.8, 1.0])
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
 def test_amplitudes_are_those_of_the_spectrum(shape, periods, hurst):
-    """All have one common factor, which makes the rms slope exact."""
+    """Each mode inside of the band, 1 to 20 rad/m, has the amplitude of the spectrum
+    times one common factor, and all others are zero.
+
+    The factor makes the rms slope exactly 0.5.
+    """
     spectrum = replace(NARROW, hurst=hurst)
     surface = SelfAffine(spectrum, periods, shape, seed=5).build()
     assert surface_moments(surface).rms_slope == pytest.approx(0.5, rel=1e-13)
@@ -86,6 +96,9 @@ def test_amplitudes_are_those_of_the_spectrum(shape, periods, hurst):
 
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
 def test_a_finer_grid_shows_the_same_surface(shape, periods):
+    """A surface on three times as many points is the band-limited interpolant of the
+    coarse one.
+    """
     coarse = SelfAffine(NARROW, periods, shape, seed=11).build().heights
     finer = tuple(3 * n for n in shape)
     fine = SelfAffine(NARROW, periods, finer, seed=11).build().heights
@@ -117,6 +130,12 @@ def test_limits_typed_with_seven_digits_lose_no_mode():
 
 
 def test_phases_are_uniform_and_unrelated():
+    """The phases of 640000 modes are uniform, and so are their differences between
+    seeds, neighbours and mirrored modes.
+
+    The mean of exp(i m phase) over n modes has the standard error 1 / sqrt(n); chi
+    squared of 100 bins has the mean 99 and the variance 198.
+    """
     k = np.arange(-400, 400)
     phase, other = (_phases(seed, k[:, None], k[None, :]) for seed in (7, 8))
     assert phase.min() >= 0
@@ -175,17 +194,20 @@ WAVE = Sinusoid((1.0,), (8,), 0.1)
     ],
 )
 def test_recipes_refuse(recipe, change, message):
+    """An invalid parameter of a recipe raises InvalidScene with a matching message."""
     with pytest.raises(InvalidScene, match=message):
         replace(recipe, **change)
 
 
 @pytest.mark.parametrize("recipe", [ROUGH, Paraboloid((L, L), (8, 8), 1.0)])
 def test_a_grid_that_fits_into_no_memory_is_refused(recipe):
+    """A grid of 2^48 points is refused with the memory it needs."""
     with pytest.raises(EpcontactError, match="GiB"):
         replace(recipe, shape=(2**24, 2**24)).build()
 
 
 def test_a_build_takes_the_heights_and_their_modes():
+    """Building a surface takes at most 2.1 times the memory of its heights."""
     tracemalloc.start()
     heights = replace(ROUGH, shape=(1024, 1024)).build().heights
     _, peak = tracemalloc.get_traced_memory()
@@ -206,6 +228,9 @@ RECIPES = [
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=str)
 def test_a_recipe_knows_the_digest_of_its_scene(recipe):
+    """The digest, shape and periods that a recipe gives without its heights are those
+    of the scene that is built from it.
+    """
     material = Material(1e9, 0.3)
     load = Load(1e5)
     body = Body()
@@ -220,7 +245,7 @@ def test_a_recipe_knows_the_digest_of_its_scene(recipe):
 
 
 def test_fingerprints_never_change():
-    """Results that were saved are found by them."""
+    """Fingerprints equal those of saved results, which are found by them."""
     assert [recipe.fingerprint for recipe in RECIPES[3:]] == [
         "sinusoid/1 periods=(2) shape=(16) amplitude=0.1 waves=1 direction=x",
         "paraboloid/1 periods=(2,3) shape=(16,15) radius=5 centre=(0.5,0.5)",
@@ -248,16 +273,23 @@ def test_fingerprints_never_change():
     ],
 )
 def test_every_parameter_is_in_the_fingerprint(change):
+    """Each parameter of a rough surface changes the fingerprint."""
     assert replace(ROUGH, **change).fingerprint != ROUGH.fingerprint
 
 
 def test_heights_without_a_recipe_are_identified_by_their_bytes():
+    """Two surfaces with different heights and without recipes have different
+    fingerprints.
+    """
     one = Surface(np.eye(3), (1.0, 1.0))
     other = Surface(2 * np.eye(3), (1, 1))
     assert one.fingerprint != other.fingerprint
 
 
 def test_equal_numbers_read_equal():
+    """Numbers of numpy and of Python that are equal give recipes with one fingerprint
+    and one hash.
+    """
     of_numpy = SelfAffineSpectrum(np.float64(0.8), 1, 4, np.float64(20), 0.5)
     found = SelfAffine(of_numpy, (7, np.float64(7)), (np.int64(48), 48), np.int64(1))
     expected = replace(ROUGH, periods=(7.0, 7.0))
@@ -267,6 +299,11 @@ def test_equal_numbers_read_equal():
 
 @pytest.mark.parametrize(("direction", "period"), [("x", 2), ("y", 3), ("both", 2)])
 def test_sinusoids(direction, period):
+    """A sinusoid has two waves of amplitude 0.1 along its direction, and its crest at
+    the first point.
+
+    `period` is that along which the shortest wavelength is measured.
+    """
     wave_of_x = np.cos(4 * np.pi * np.arange(16) / 16)[:, None]
     wave_of_y = np.cos(4 * np.pi * np.arange(15) / 15)
     waves = {"x": wave_of_x, "y": wave_of_y, "both": wave_of_x * wave_of_y}
@@ -285,12 +322,14 @@ R_SQUARED = np.add.outer(
 
 
 def test_a_paraboloid_has_its_radius_and_summit():
+    """The heights are -r^2 / (2 R) with R = 7 m, and the summit is the middle point."""
     bump = Paraboloid(**GRID, radius=7.0).build().heights
     assert_close(bump, -R_SQUARED / 14, 1e-15)
     assert bump[20, 25] == bump.max() == 0
 
 
 def test_a_sphere_has_its_radius():
+    """The heights are sqrt(R^2 - r^2) - R inside of the radius, and -R outside."""
     ball = Sphere(**GRID, radius=0.83).build().heights
     # The rim, which is infinitely steep, is 0.01 away from the grid.
     exact = np.sqrt(np.maximum(0.83**2 - R_SQUARED, 0)) - 0.83
@@ -298,7 +337,7 @@ def test_a_sphere_has_its_radius():
 
 
 def test_points_on_the_rim_of_a_punch_belong_to_it():
-    """0.8 is 16 spacings: rounding must not take points away from one side."""
+    """Rounding takes no point on the rim away: the radius 0.8 is 16 grid spacings."""
     punch = FlatPunch(**GRID, radius=0.8, depth=0.3).build().heights
     assert np.array_equal(punch, np.where(R_SQUARED > 0.64 + 1e-12, -0.3, 0.0))
     assert np.array_equal(punch[1:], punch[1:][::-1])
@@ -306,17 +345,22 @@ def test_points_on_the_rim_of_a_punch_belong_to_it():
 
 @pytest.mark.parametrize("shape", [Paraboloid, Sphere])
 def test_the_nearest_image_of_a_bump_counts(shape):
+    """A bump that is moved over the edge of the period is the rolled one."""
     middle = shape(**GRID, radius=0.87).build().heights
     moved = shape(**GRID, radius=0.87, centre=(0.75, 1.02)).build().heights
     assert_close(np.roll(middle, (10, 26), (0, 1)), moved, 1e-14)
 
 
 def test_one_period_may_stand_for_both():
+    """A tuple of one period on a 2D grid stands for both directions."""
     assert Sphere((1.0,), (8, 8), 1.0) == Sphere((1.0, 1.0), (8, 8), 1.0)
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8,), (9,)])
 def test_filtering_keeps_the_long_waves_alone(shape):
+    """The filter keeps exactly the modes up to the cut-off, in rad/m, with the mean
+    height.
+    """
     heights = 3 + np.random.default_rng(0).standard_normal(shape)
     surface = Surface(heights, (1.0, 2.0)[: len(shape)])
     cut = 2.5 * 2 * math.pi
@@ -328,6 +372,9 @@ def test_filtering_keeps_the_long_waves_alone(shape):
 
 
 def test_a_cut_off_takes_its_spectrum_along():
+    """A filtered surface has the spectrum that ends at the cut-off, with the rms slope
+    of that spectrum.
+    """
     cut = filtered(ROUGH.build(), 10.0)
     assert cut.spectrum.wavenumber_high == 10.0
     slope = cut.spectrum.rms_slope
@@ -338,6 +385,9 @@ def test_a_cut_off_takes_its_spectrum_along():
 
 
 def test_long_waves_are_removed_with_the_spectrum_that_has_them():
+    """A band filter removes the waves below its second wavenumber, and the spectrum if
+    that removes any; each filter changes the fingerprint.
+    """
     surface = ROUGH.build()
     cut = filtered(surface, 10.0)
     band = filtered(surface, 10.0, 2.0)
@@ -353,6 +403,9 @@ def test_long_waves_are_removed_with_the_spectrum_that_has_them():
 
 
 def test_a_filter_beyond_the_band_leaves_nothing_or_all():
+    """A cut-off below the lowest wave leaves a flat surface, and one above the highest
+    changes no wavelength.
+    """
     surface = ROUGH.build()
     flat = filtered(surface, 0.5)
     assert flat.spectrum is None
@@ -379,6 +432,7 @@ def test_two_surfaces_touch_as_the_sum_of_their_heights():
 
 @pytest.mark.parametrize("change", [{"shape": (16, 16)}, {"periods": (1.0, 1.9)}])
 def test_two_surfaces_on_different_grids_are_refused(change):
+    """Surfaces that face each other must have the same shape and periods."""
     with pytest.raises(InvalidScene, match="face each other on one grid and period"):
         Facing(FACING.first, replace(FACING.second, **change))
 
@@ -397,6 +451,9 @@ GLASS = Material(70e9, 0.2)
     ],
 )
 def test_two_bodies_have_the_modulus_of_springs_in_series(first, second, compliance):
+    """The combined effective modulus is one over the sum of the compliances (1 - nu^2)
+    / E, in 1/Pa.
+    """
     material = combined_material(first, second)
     assert effective_modulus(material) == pytest.approx(1 / compliance, rel=1e-15)
     assert material.hardness == first.hardness

@@ -47,13 +47,18 @@ material.hardness = [3e9, 6e9, 12e9]
 
 @pytest.fixture
 def swept(write_case):
-    """Write a small case with a sweep; of the theory alone, which takes
-    milliseconds.
+    """Return a function that writes the small case with a sweep and returns its path.
+
+    Its arguments are the text of the sweep and replacements (old, new) in the case; by
+    default the case has the theory alone, which takes milliseconds.
     """
     return lambda text=GRID, *edits: write_case(*(edits or THEORY), more=text)
 
 
 def points(text):
+    """Return the points of a sweep's table (TOML text), each as a dictionary of keys
+    and values.
+    """
     table = SweepTable.model_validate(tomllib.loads(text))
     found = list(table.points())
     assert len(found) == table.size
@@ -68,6 +73,7 @@ point = [{ material.poisson_ratio = 0.0 }, { material.poisson_ratio = 0.3 }]
 
 
 def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
+    """`--fields first --among` saves the fields of the named point only."""
     grid = "[sweep]\nload.mean_pressure = [2e8, 4e8]\n"
     path = swept(grid, ('["persson", "bem"]', '["bem"]'), THEORY_IS_NUMBER, ONE)
     options = (
@@ -91,6 +97,7 @@ def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
 
 
 def test_values_grids_and_tables_are_combined():
+    """Lists of values and a list of points give the product of all."""
     names = ("fem.law", "load.mean_pressure", "material.poisson_ratio")
     found = {tuple(point[name] for name in names) for point in points(PAIRS)}
     assert found == {*product(("capped", "j2"), (1, 10, 100), (0, 0.3))}
@@ -123,6 +130,9 @@ P = "load.mean_pressure ="
     ],
 )
 def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence):
+    """An invalid table raises InvalidCase in one line that begins with the file,
+    matches `sentence`, and leaves no output folder.
+    """
     path = swept(f"\n[sweep]\n{text}\n")
     with pytest.raises(InvalidCase, match=sentence) as refused:
         sweep.run_sweep(path, output=tmp_path / "out", jobs=1)
@@ -132,6 +142,9 @@ def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence):
 
 
 def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
+    """Each row of the table has the plastic area of the theory at the row's hardness,
+    Poisson's ratio and load.
+    """
     path = swept(GRID + "[[sweep.point]]\nmaterial.poisson_ratio = 0.2\n")
     found, case = sweep.run_sweep(path, output=tmp_path, jobs=1).table, load_case(path)
     scene = case.scene(case.recipes[0])
@@ -149,7 +162,12 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
 def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(
     swept, tmp_path
 ):
+    """A sweep that was interrupted after three of six tasks reuses them, and ends with
+    the table of an unbroken run on another executor.
+    """
+
     def stopped(done, *_):
+        """Interrupt the sweep after its third task."""
         if done == 3:
             raise KeyboardInterrupt
 
@@ -173,6 +191,9 @@ def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(
 
 
 def test_results_belong_to_their_points(swept, tmp_path):
+    """Saved results are reused for equal points only: three for a new list of loads,
+    none after a change of the surface; a bad executor changes no file.
+    """
     path = swept()
     sweep.run_sweep(path, output=tmp_path, jobs=1)
     path.write_text(path.read_text().replace("[2e8, 4e8]", "[1e8, 4e8]"))
@@ -189,7 +210,9 @@ def test_results_belong_to_their_points(swept, tmp_path):
 
 
 def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
-    """A quantity that is not defined leaves the rest of a result."""
+    """A method that fails and a quantity that is not defined leave the other values of
+    the table.
+    """
     text = f"""[sweep]\n{P} [4e8]\nseeds = [1, 2]
         quantities = ["quantity.total_patches", "quantity.conductance"]\n"""
     layer = ("[load]", '[body]\nkind = "bonded_layer"\ndepth = 1e-3\n\n[load]')
@@ -206,10 +229,14 @@ def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
 
 
 def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
+    """Failed tasks are counted by reason with exit code 2, and solved by the next run;
+    a load path counts as one task.
+    """
     path, real = swept(), METHODS["persson"]
     command = ("sweep", path, "--output", tmp_path, "--jobs", "1")
 
     def heavy(scene, *rest):
+        """Solve the scene by the theory, but raise NotConverged above 300 MPa."""
         if scene.load.final > 3e8:
             raise NotConverged("too heavy for a test")
         return real.solve(scene, *rest)
@@ -237,6 +264,9 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
 
 
 def test_a_long_sweep_shows_its_first_points_and_counts_failures(monkeypatch, tmp_path):
+    """The screen of a sweep shows 40 of 43 points, notes, fields, and the failures by
+    their number.
+    """
     load = {
         "branch": "loading",
         "mean_pressure": {"mean": 2e3, "error": 0.0, "parts": {}},
@@ -269,6 +299,9 @@ def test_a_long_sweep_shows_its_first_points_and_counts_failures(monkeypatch, tm
 
 
 def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
+    """A case with a sweep and no gate is readable, is not listed as verified, and
+    cannot be verified.
+    """
     path = swept()
     text, _, rest = path.read_text().partition("[[gate]]")
     path.write_text(text + rest[rest.index("[sweep]") :])
@@ -279,6 +312,7 @@ def test_a_case_may_have_a_sweep_and_no_gate(swept, tmp_path):
 
 
 def test_what_holds_no_sweep_is_refused(swept, tmp_path):
+    """A case without the table [sweep], and a damaged sweep.json, are refused."""
     with pytest.raises(
         InvalidCase, match=r"has no table \[sweep\], such as load.mean_pressure = "
     ):
@@ -294,6 +328,9 @@ MANY = f"[sweep]\n{P} {[k * 1e8 for k in range(1, 13)]}\nseeds = [1, 2, 3, 4]\n"
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
+    """A sweep of 48 tasks that is killed ten times at random moments loses no finished
+    task and ends with the table of an unbroken one.
+    """
     path, output, moments = swept(MANY, ONE), tmp_path / "killed", random.Random(7)
     whole, solved = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1), []
     command = [

@@ -34,6 +34,9 @@ ELASTIC = replace(SCENE.material, hardness=math.inf)
 
 
 def test_a_residual_surface_is_taken_up_by_another_case(tmp_path):
+    """The surface that plastic flow leaves, read from a field file, carries the same
+    pressures when it is loaded elastically.
+    """
     result = bem.solve(SCENE)
     left = residual_surface(replace(SCENE.surface, notes=("It is rough.",)), result)
     assert left.notes == (
@@ -51,6 +54,9 @@ def test_a_residual_surface_is_taken_up_by_another_case(tmp_path):
 
 
 def test_an_elastic_body_leaves_its_surface_under_the_last_load():
+    """Without flow the residual surface is the original one less the displacement by
+    the last load.
+    """
     scene = replace(SCENE, material=ELASTIC, load=Load((1e8, 1e9, 5e6)))
     result = bem.solve(scene)
     expected = SCENE.surface.heights - result.fields["displacement"]
@@ -59,6 +65,9 @@ def test_an_elastic_body_leaves_its_surface_under_the_last_load():
 
 
 def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
+    """A J2 result under load has no residual surface; after unloading it is flatter
+    than the original and is read back from a file.
+    """
     scene = yielding(rough_scene(4, seed=3, bandwidth=4, hardness=75e9))
     path = tmp_path / "fem.vti"
     loaded = fem_check.solve(scene, law="j2", certified=False)
@@ -77,6 +86,9 @@ def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
 
 
 def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights():
+    """The cap leaves 60 to 80 % of the power of the sixth octave, of which the theory
+    leaves less than 0.1 %, and makes the skewness more negative.
+    """
     scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
     surface = scene.surface
     left = surface_after("cap", scene)
@@ -89,7 +101,11 @@ def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_hei
 @pytest.mark.parametrize("pressure", [0.0005, 0.005, 0.05])
 @pytest.mark.parametrize("hardness", [math.inf, 0.06])
 def test_the_distribution_of_the_gap_is_normalised_and_has_its_mean(pressure, hardness):
-    """Its mean is ubar, but for the folding at 0, which only adds."""
+    """The theory's distribution of the gap rises from the contact area to 1, and its
+    mean is the mean separation or, by the folding at 0, more.
+
+    `pressure` and `hardness` are over E*.
+    """
     rough = analytic_roughness(SelfAffineSpectrum(0.8, 1.0, 4.0, 64.0, rms_slope=0.1))
     theory = Theory(rough, 1.0, EnergyReduction(0.536), hardness)
     u = np.linspace(0, 1.5, 6001)

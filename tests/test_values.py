@@ -57,7 +57,18 @@ def strain():
 
 
 def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
-    """2 mu (e - 3a/2) = q = Y + H a and p = K e + 2q/3 up to the peak; then elastic."""
+    """Return the exact quantities of a flat layer that hardens under uniaxial strain
+    and is unloaded.
+
+    Args:
+        peak: largest mean pressure in Pa.
+        left: last mean pressure in Pa.
+        depth: thickness of the layer in m.
+        H: hardening modulus in Pa.
+
+    With strain e and plastic strain a: 2 mu (e - 3a/2) = q = Y + H a and p = K e + 2q/3
+    up to the peak; the unloading is elastic.
+    """
     E = METAL.young_modulus
     nu = METAL.poisson_ratio
     Y = METAL.yield_stress
@@ -83,8 +94,10 @@ def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):
 
 @functools.cache
 def order():
-    """Column 1 is closest, though row 2 was before it flowed; column 2 is the
-    widest.
+    """Return an invented contact after unloading, whose order of contact is known.
+
+    Of the 6 x 4 points column 1 is closest, though row 2 was closer before it flowed;
+    column 2 has the widest gap.
     """
     gap = np.full((6, 4), 5.0)
     sunk = np.zeros((6, 4))
@@ -116,8 +129,10 @@ METALLIC = effective_hardness(
 
 @functools.cache
 def by_hardness():
-    """Answers at the ends of the interval of an effective hardness, of which half a
-    difference.
+    """Return a scene and a result whose errors are half of the difference between
+    results at both ends of the interval of an effective hardness.
+
+    Total and plastic areas are fractions; mean gaps are in m.
     """
     step, soft, hard = (
         LoadStep(2.5e8, {"corrected": Areas(t, t - p, p)}, quantities={"mean_gap": g})
@@ -169,6 +184,9 @@ CASES = [
     [(m, name, v) for m, known in CASES for name, v in known.items()],
 )
 def test_value(made, name, value):
+    """A quantity (`name`) of a scene has its known value, in SI units; `made` returns
+    the scene and its result.
+    """
     scene, found = made()
     told = scalar_quantities(found)
     result = told[name] if name in told else measure(name, scene, found)
@@ -187,6 +205,11 @@ SUMS = {
 
 
 def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
+    """Costs are sums over the load steps, and residuals are below the tolerance.
+
+    The estimated errors of the areas cover the areas of the posts, and the residual of
+    a loose solve is the largest gap under a touching point over the rms height.
+    """
     (_, one), (_, flow) = posts(), strain()
     rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
     scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
@@ -225,8 +248,11 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
 
 
 def test_no_quantity_is_without_a_value():
-    """Of the method and its errors only: a gate of two methods proves that they
-    agree.
+    """Every quantity of the registry is compared with a known value somewhere: by a
+    gate of a case, in this file or in a test that is named here.
+
+    A gate of one method against another does not count, because it proves only that
+    both agree.
     """
     gates = [
         name.split(" ")
