@@ -21,7 +21,13 @@ from PIL import Image
 
 from epcontact.errors import OutputError
 from epcontact.output.charts import curves, maps
-from epcontact.output.charts.plot import Plot, draw_table, observed_order, pareto_front
+from epcontact.output.charts.plot import (
+    Axis,
+    Plot,
+    draw_table,
+    observed_order,
+    pareto_front,
+)
 from epcontact.output.charts.style import PART_COLOURS, SETTINGS, STATE_NAMES, unit_for
 from epcontact.pictures.charts import theory_densities
 from epcontact.results import (
@@ -37,7 +43,7 @@ from epcontact.results import (
 SPACING = (2e-6, 1e-6)  # m
 HARDNESS = 1.5e11  # Pa
 PRESSURES = np.linspace(0, HARDNESS, 80)
-PLOT = Plot(x=("cost_s", "cost (s)"), y=("error", "error (–)"), log="xy")
+PLOT = Plot(x=Axis("cost_s", "cost (s)"), y=Axis("error", "error (–)"), log="xy")
 
 
 def table_of(**series):
@@ -163,8 +169,8 @@ def make_bounds():
         }
     )
     plot = Plot(
-        ("x", "x (mm)"),
-        ("y", "y (kPa)"),
+        Axis("x", "x (mm)"),
+        Axis("y", "y (kPa)"),
         scale=(0.5, 4.0),
         ticks=(2, 3.5),
         level=1.5,
@@ -356,7 +362,7 @@ def test_intervals_wider_than_all_differences_are_said(width, series, is_warned)
     name = "E* xi / sigma_Y = 5"
     both = {name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])}
     table = table_of(**dict([*both.items()][:series]))
-    plot = Plot(("cost_s", "E* xi / sigma_Y (–)"), ("error", "y (–)"))
+    plot = Plot(Axis("cost_s", "E* xi / sigma_Y (–)"), Axis("error", "y (–)"))
     chart = draw_table(with_bounds(table, width), plot, "At E* xi/sigma_Y = 5.")
     (axes,) = chart.figure.axes
     assert ("not tell them apart" in chart.caption) is is_warned

@@ -20,7 +20,7 @@ from epcontact.output.charts.curves import (
 )
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import map_of
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
 from epcontact.pictures.loads import load_charts
 from epcontact.results import ContactResult
@@ -184,8 +184,8 @@ def spectrum_chart(surface: Surface) -> Chart | None:
             _curve("analytic", x, waves, y, density(analytic, waves, dimension))
         )
     look = Plot(
-        (x, r"wave number $q$ (rad/m)"),
-        (y, rf"spectral density ${symbol}(q)$ (m$^{power}$)"),
+        Axis(x, r"wave number $q$ (rad/m)"),
+        Axis(y, rf"spectral density ${symbol}(q)$ (m$^{power}$)"),
         styles={"analytic": "curve"},
         log="xy",
     )
@@ -229,8 +229,8 @@ def magnification_chart(
     positive = table[_AREA][table[_AREA] > 0]
     lowest = max(0.7 * positive.min(), 1e-3 * positive.max())
     look = Plot(
-        (_MAGNIFICATION, r"magnification $\zeta = q / q_0$ (–)"),
-        (_AREA, r"contact area $A / A_0$ (–)"),
+        Axis(_MAGNIFICATION, r"magnification $\zeta = q / q_0$ (–)"),
+        Axis(_AREA, r"contact area $A / A_0$ (–)"),
         series=("part", "method"),
         colour="part",
         colours=PART_COLOURS,

@@ -5,26 +5,42 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import unit_for
 from epcontact.output.loads import Row, column_unit
 from epcontact.results import COLUMNS
 
-#: For each chart of the loads a pattern of the names in COLUMNS that it shows, and the
-#: label of its axis.
+
+class _LoadChart(NamedTuple):
+    """A chart of results against the load.
+
+    Attributes:
+        pattern: a regular expression for the names in COLUMNS that the chart shows.
+        label: the label of its vertical axis; {unit} stands for the unit.
+    """
+
+    pattern: str
+    label: str
+
+
+#: The charts of the loads by their names.
 _CHARTS = {
-    "areas": ("_area$", "contact area / nominal area"),
-    "gap": ("mean_gap", "mean gap"),
-    "stiffness": ("stiffness_", "stiffness"),
-    "conductance": ("^conductance", "conductance times resistivity"),
-    "thermal": ("thermal_conductance", "thermal conductance"),
-    "electrical": ("electrical_conductance", "electrical conductance"),
-    "percolation": ("_percolation", "share of the area that percolates"),
+    "areas": _LoadChart("_area$", "contact area / nominal area ({unit})"),
+    "gap": _LoadChart("mean_gap", "mean gap ({unit})"),
+    "stiffness": _LoadChart("stiffness_", "stiffness ({unit})"),
+    "conductance": _LoadChart("^conductance", "conductance times resistivity ({unit})"),
+    "thermal": _LoadChart("thermal_conductance", "thermal conductance ({unit})"),
+    "electrical": _LoadChart(
+        "electrical_conductance", "electrical conductance ({unit})"
+    ),
+    "percolation": _LoadChart(
+        "_percolation", "share of the area that percolates ({unit})"
+    ),
 }
 #: The names of these charts in a folder.
 LOAD_CHARTS = tuple(f"loads-{name}" for name in _CHARTS)
@@ -56,7 +72,19 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
 
 
 def _points_of_load(method: str, row: Row) -> Iterator[dict[str, Any]]:
-    """Yield a point for each value of a load and each chart that shows it."""
+    """Yield a point for each quantity of a load and each chart that shows it.
+
+    Args:
+        method: the name of the method or of the curve, as the legend shows it.
+        row: the results at one load, from `load_rows`: its branch, and for the mean
+            pressure and each quantity a mean and an error (None: no error) in SI units.
+
+    Yields:
+        A row of the table of `_load_chart`: the chart's name, the method, the quantity
+        in words, the branch, the mean pressure (Pa), the value with the ends of its
+        error bar, and its unit ("" for a fraction).  Values that are not finite are
+        left out.
+    """
     for name, unit in COLUMNS.items():
         if name not in row:
             continue
@@ -68,10 +96,10 @@ def _points_of_load(method: str, row: Row) -> Iterator[dict[str, Any]]:
         if not unit:  # fractions of the nominal area
             highest = min(highest, 1.0)
         words = name.replace("ness_", "ness_if_").replace("loading", "loaded")
-        for chart, (pattern, _) in _CHARTS.items():
-            if re.search(pattern, name):
+        for chart_name, chart in _CHARTS.items():
+            if re.search(chart.pattern, name):
                 yield {
-                    "chart": chart,
+                    "chart": chart_name,
                     "method": method,
                     "quantity": words.replace("_", " "),
                     "branch": row["branch"],
@@ -85,20 +113,25 @@ def _points_of_load(method: str, row: Row) -> Iterator[dict[str, Any]]:
 
 
 def _load_chart(name: str, table: pd.DataFrame) -> Chart:
-    """Draw the points of one chart."""
-    _, label = _CHARTS[name]
-    pressure_scale, pressure_unit = unit_for(
-        float(table["mean_pressure_Pa"].max()), "Pa"
-    )
+    """Draw the points of one chart.
+
+    Args:
+        name: the name of the chart, a key of _CHARTS.
+        table: a row for each point, with the keys of `_points_of_load` as columns;
+            values in SI units.  Unit and scale of the axis are those of its values.
+    """
+    highest_pressure = float(table["mean_pressure_Pa"].max())
+    pressure_scale, pressure_unit = unit_for(highest_pressure, "Pa")
     scale, unit = column_unit([*table["value"]], table["unit"].iloc[0])
-    unit = unit.replace("2", "²") or "–"
+    label = _CHARTS[name].label
     plot = Plot(
-        ("mean_pressure_Pa", f"mean pressure ({pressure_unit})"),
-        ("value", f"{label} ({unit})"),
+        Axis("mean_pressure_Pa", f"mean pressure ({pressure_unit})"),
+        Axis("value", label.format(unit=unit.replace("2", "²") or "–")),
         ("method", "quantity", "branch"),
         _STYLES,
         mark="quantity",
         scale=(pressure_scale, scale),
     )
+    quantity = label.removesuffix(" ({unit})").capitalize()
     marks = "marks are open on unloading, and half open on reloading"
-    return draw_table(table, plot, f"{label.capitalize()} at each load; {marks}.")
+    return draw_table(table, plot, f"{quantity} at each load; {marks}.")

@@ -24,7 +24,7 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import scalar_quantities
 from epcontact.harness.verdict.compare import RELEASE_VALUES as RELEASE
 from epcontact.harness.verdict.compare import read_values
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.persson.validity import theory_map
 from epcontact.studies import conductance
 from epcontact.studies.frame import Charts, Say, study
@@ -400,11 +400,13 @@ def accuracy(
     del say
     rows = read_rows(folders) if known is None else known
     table = _errors_by_cost(rows)
-    y = ("error", "relative error of the contact area (–)")
-    time = ("time", "time of a solve, over boundary elements on 4 points a wave (–)")
-    work = ("work", "FFT pairs of a grid of 4 points a wave (–)")
+    y = Axis("error", "relative error of the contact area (–)")
+    time = Axis(
+        "time", "time of a solve, over boundary elements on 4 points a wave (–)"
+    )
+    work = Axis("work", "FFT pairs of a grid of 4 points a wave (–)")
     for x, name in ((time, "time"), (work, "FFT pairs")):
-        drawn = table[table[x[0]] > 0].reset_index()
+        drawn = table[table[x.column] > 0].reset_index()
         plot = Plot(x, y, ("method", "kind"), mark="kind", log="xy", front=True)
         if len(drawn):
             yield plot, drawn, f"Accuracy against {name}"
@@ -414,8 +416,8 @@ def accuracy(
     equal = pd.DataFrame({"reference": shown["reference"].agg(["min", "max"])})
     equal = equal.assign(ratio=1.0, ratio_low=0.95, ratio_high=1.05)
     equal = equal.assign(pair="equal, and within 5 %", style="curve")
-    x = ("reference", "area by the reference (–)")
-    y = ("ratio", "area predicted over it (–)")
+    x = Axis("reference", "area by the reference (–)")
+    y = Axis("ratio", "area predicted over it (–)")
     plot = Plot(x, y, ("pair",), style="open", log="x")
     yield plot, pd.concat([equal, shown]), "Areas predicted over their references"
 

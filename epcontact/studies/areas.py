@@ -20,7 +20,7 @@ import numpy as np
 from epcontact import bem
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import Body, Material
 from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
@@ -348,8 +348,8 @@ def areas(
         "ylim": (-0.7, len(names)),
     }
     plot = Plot(
-        ("times", "error over its estimate (–)"),
-        ("row", "kind, fraction within its estimate (–)"),
+        Axis("times", "error over its estimate (–)"),
+        Axis("row", "kind, fraction within its estimate (–)"),
         ("kind",),
         style="open",
         colour="all",

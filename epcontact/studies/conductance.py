@@ -18,7 +18,7 @@ import pandas as pd
 from epcontact import bem
 from epcontact.interface import contact_conductance, find_patches
 from epcontact.output.charts.figures import new_figure, styled
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.output.charts.style import DIFFERENCE_MAP
 from epcontact.reference import conductance as laws
 from epcontact.results import APART
@@ -189,8 +189,8 @@ def conductance(
     table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)
     table = table[table["hurst"] == hursts[-1]]
     plot = Plot(
-        ("breadth", "longest over shortest wave (–)"),
-        (RATIO, "law over boundary elements (–)"),
+        Axis("breadth", "longest over shortest wave (–)"),
+        Axis(RATIO, "law over boundary elements (–)"),
         ("law", "place"),
         level=1.0,
         colour="law",

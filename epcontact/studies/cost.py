@@ -20,7 +20,7 @@ import numpy as np
 from epcontact import bem
 from epcontact.errors import NotConverged
 from epcontact.machine import available_cores, forget_peak, peak_memory
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
 from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
@@ -38,7 +38,7 @@ AIMS: dict[str, dict[str, Any]] = {
     LOOSE: {"area_tolerance": AREA},
 }
 
-_SIDE = ("points_a_side", "grid points a side (–)")
+_SIDE = Axis("points_a_side", "grid points a side (–)")
 
 
 def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
@@ -156,13 +156,13 @@ def by_method(
 
     table = tabulate(say, row, method=methods, tolerance=tolerances)
     failed = "".join(failures.values())
-    work = (
+    work = Axis(
         "fft_pairs",
         "FFT pairs of the finest grid, coarser ones by their points (–)",
     )
-    spent = ("time_in_fft_pairs", "time in bare FFT pairs of the same grid (–)")
-    residual = ("residual", "largest KKT residual (–)")
-    error = ("relative_error", "relative error of the raw areas, largest (–)")
+    spent = Axis("time_in_fft_pairs", "time in bare FFT pairs of the same grid (–)")
+    residual = Axis("residual", "largest KKT residual (–)")
+    error = Axis("relative_error", "relative error of the raw areas, largest (–)")
     for x, y, title in (
         (work, residual, "Residual against work"),
         (work, error, "Error of the areas against work"),
@@ -237,7 +237,7 @@ def speed(
         else:
             look["log"] = "x"
             look["limits"] = {"ylim": (0, None)}
-        yield Plot(_SIDE, (column, label), ("law", "aim"), **look), drawn, title
+        yield Plot(_SIDE, Axis(column, label), ("law", "aim"), **look), drawn, title
 
 
 def area_difference(

@@ -12,7 +12,7 @@ import pandas as pd
 import fem_check
 from epcontact.errors import NotConverged
 from epcontact.materials.moduli import effective_modulus
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Body
 from epcontact.studies.cost import pair_times, timed
 from epcontact.studies.frame import (
@@ -83,18 +83,18 @@ _Chart = tuple[Plot, pd.DataFrame, str]
 
 
 def _error_plot(
-    x: tuple[str, str], label: str, ticks: Sequence[float], series: str = "series"
+    x: Axis, label: str, ticks: Sequence[float], series: str = "series"
 ) -> Plot:
     """Return the look of a chart of relative errors over the column x."""
     styles = {REFERENCE: "curve"}
-    y = (ERROR, label)
+    y = Axis(ERROR, label)
     return Plot(x, y, (series,), styles, log="xy", ticks=ticks, orders=_ORDERS)
 
 
 def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
     """Return the chart of limit loads by the number of elements under a punch."""
     table = tabulate(say, punch_error, formulation=_FORMULATIONS, elements=elements)
-    x = ("elements", "elements to the half-width of the punch (–)")
+    x = Axis("elements", "elements to the half-width of the punch (–)")
     plot = _error_plot(
         x, "relative error of the limit load (–)", elements, "formulation"
     )
@@ -108,13 +108,15 @@ def _mesh_chart(say: Say, nodes: Ints, sample: tuple[int, Ints]) -> _Chart:
     solved = tabulate(
         say, solve_sample, seed=seeds, waves=[waves], nodes_per_wavelength=nodes
     )
-    x = ("nodes_per_wavelength", "nodes per shortest wavelength (–)")
+    x = Axis("nodes_per_wavelength", "nodes per shortest wavelength (–)")
     references = {"raw": "corrected", "corrected": "corrected"}
-    table = errors_of(solved, x[0], references)
-    finest = solved[solved[x[0]] == nodes[-1]]
+    table = errors_of(solved, x.column, references)
+    finest = solved[solved[x.column] == nodes[-1]]
     relative = finest["error_estimate"] / finest["corrected"]
     uncertainty = math.sqrt((relative**2).mean())
-    level = pd.DataFrame({x[0]: nodes[:-1], "series": REFERENCE, ERROR: uncertainty})
+    level = pd.DataFrame(
+        {x.column: nodes[:-1], "series": REFERENCE, ERROR: uncertainty}
+    )
     plot = _error_plot(x, "relative error of the contact area (–)", nodes[:-1])
     return plot, pd.concat([table, level]), "Contact area against the mesh"
 
@@ -123,7 +125,7 @@ def _depth_chart(say: Say) -> _Chart:
     """Return the chart of the block's compliance by its depth."""
     table = tabulate(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
     table["series"] = table["waves"].map("waves in a period: {}".format)
-    x = ("depth_over_period", "depth over the period (–)")
+    x = Axis("depth_over_period", "depth over the period (–)")
     plot = _error_plot(x, "compliance over half-space's, less 1 (–)", DEPTHS)
     return plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
 
@@ -133,9 +135,9 @@ def _steps_chart(say: Say, steps: Ints, sample: tuple[int, Ints]) -> _Chart:
     waves, seeds = sample
     solved = tabulate(say, solve_sample, seed=seeds, waves=[waves], load_steps=steps)
     solved = solved.rename(columns={"raw": "contact area"})
-    x = ("load_steps", "load steps (–)")
+    x = Axis("load_steps", "load steps (–)")
     references = {"contact area": "contact area", "mean gap": "mean gap"}
-    table = errors_of(solved, x[0], references)
+    table = errors_of(solved, x.column, references)
     plot = _error_plot(x, "relative error (–)", steps[:-1])
     once = table[table["series"] == "mean gap"]
     counts = list_rows(once, "{load_steps}: {cg_iterations:.0f}")
@@ -146,8 +148,8 @@ def _steps_chart(say: Say, steps: Ints, sample: tuple[int, Ints]) -> _Chart:
 def _paths_chart(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> _Chart:
     """Return the chart of the iterations of load paths by the mesh."""
     costs = path_costs(say, meshes, seeds)
-    x = ("nodes", "nodes a side (–)")
-    y = ("iterations", "iterations of the load path (–)")
+    x = Axis("nodes", "nodes a side (–)")
+    y = Axis("iterations", "iterations of the load path (–)")
     plot = Plot(x, y, ("solver",), log="x", ticks=costs["nodes"].tolist())
     solvers = ["conjugate gradients", "Newton"]
     table = costs.melt("nodes", solvers, "solver", "iterations")

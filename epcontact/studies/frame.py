@@ -239,8 +239,8 @@ def _draw(look: Look, table: pd.DataFrame, caption: str) -> Chart:
     if "seed" in table:
         count = table["seed"].nunique()
         caption += f" Means of {count} surfaces with their 95 % intervals."
-        by = [*look.series, look.x[0]]
+        by = [*look.series, look.x.column]
         if look.colour:
             by.append(look.colour)
-        table = mean_with_interval(table, look.y[0], list(dict.fromkeys(by)))
+        table = mean_with_interval(table, look.y.column, list(dict.fromkeys(by)))
     return draw_table(table, look, caption)

@@ -20,7 +20,7 @@ import pandas as pd
 
 import fem_check
 from epcontact import bem
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.output.charts.style import CYCLE
 from epcontact.persson import separation
 from epcontact.results import ContactResult, FloatArray
@@ -107,8 +107,8 @@ def gap(
 
     solved = tabulate(say, solve, law=paper.LAWS, seed=seeds)
     theory = tabulate(say, predict, law=paper.LAWS)
-    x = (_LOAD, r"mean pressure over $E^*$ (–)")
-    y = (OPEN, "open mean gap over rms height (–)")
+    x = Axis(_LOAD, r"mean pressure over $E^*$ (–)")
+    y = Axis(OPEN, "open mean gap over rms height (–)")
     open_gap = Plot(
         x,
         y,
@@ -126,13 +126,13 @@ def gap(
 
     capped = solved[solved["law"] == "capped"]
     parts = capped.melt([_LOAD, "seed"], list(QUANTITIES), "part", _LENGTH)
-    y = (_LENGTH, "mean gap over rms height (–)")
+    y = Axis(_LENGTH, "mean gap over rms height (–)")
     plot = Plot(x, y, ("part",), log="x", ticks=LOADS)
     yield plot, parts, "Parts of the mean gap, capped body"
 
     merged = solved.merge(theory, on=["law", _LOAD], suffixes=("", "_theory"))
     merged[_DEVIATION] = 100 * (merged[f"{OPEN}_theory"] / merged[OPEN] - 1)
-    y = (_DEVIATION, "theory over boundary elements, less 1 (%)")
+    y = Axis(_DEVIATION, "theory over boundary elements, less 1 (%)")
     deviation = Plot(
         x,
         y,
@@ -155,7 +155,7 @@ def gap(
     shown = (blocks["law"] != "j2") | (blocks["grid"] == finest)
     table = blocks[shown].dropna(subset=_DEVIATION)
     table["points"] = table["grid"].map("{} points".format)
-    y = (_DEVIATION, "finite over boundary elements, less 1 (%)")
+    y = Axis(_DEVIATION, "finite over boundary elements, less 1 (%)")
     plot = replace(
         deviation, y=y, series=("law", "points"), mark="points", ticks=LOADS[:-1]
     )
@@ -266,8 +266,8 @@ def residual(
     experiment of Tiwari, Wang, Mueser and Persson (Lubricants 7, 90 (2019)) left short
     waves and the symmetry of heights nearly as they were.
     """
-    x = ("wavenumber_over_lowest", "wave number over the lowest (–)")
-    y = ("power_kept", "power after over before (–)")
+    x = Axis("wavenumber_over_lowest", "wave number over the lowest (–)")
+    y = Axis("power_kept", "power after over before (–)")
     series = ["model", "hardness"]
 
     def row(
@@ -282,14 +282,14 @@ def residual(
             kept, changes = changes_by_load(model, scene)
         rows = []
         for octave in range(round(np.log2(bandwidth))):
-            place = {x[0]: 2.0 ** (octave + 0.5), y[0]: float(kept[octave])}
+            place = {x.column: 2.0 ** (octave + 0.5), y.column: float(kept[octave])}
             rows.append(place | changes)
         return rows
 
     look: dict[str, Any] = {"colour": "hardness", "mark": "model", "log": "x"}
     power = Plot(x, y, series, {"theory": "curve"}, level=1.0, **look)
-    x_skewness = (y[0], "power kept by the shortest octave (–)")
-    skewness = ("skewness_change", "skewness after less before (–)")
+    x_skewness = Axis(y.column, "power kept by the shortest octave (–)")
+    skewness = Axis("skewness_change", "skewness after less before (–)")
     form = (
         "{model} at {hardness:g}: {kurtosis_change:+.3f}, {rms_height:.3f}, "
         "{rms_slope:.3f}, {rms_curvature:.3f}"
@@ -311,8 +311,8 @@ def residual(
         title = f"Power that an octave of wave numbers keeps, bandwidth {bandwidth}"
         yield power, table.assign(hardness=in_words), title
 
-        shortest = table[table[x[0]] == table[x[0]].max()]
-        means = mean_with_interval(shortest, skewness[0], series).dropna()
+        shortest = table[table[x.column] == table[x.column].max()]
+        means = mean_with_interval(shortest, skewness.column, series).dropna()
         title = (
             f"Change of the skewness of the heights, bandwidth {bandwidth}; of the "
             "kurtosis, and rms height, slope and curvature after over before: "

@@ -16,7 +16,7 @@ import pandas as pd
 
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.materials import hardness_map
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Body, Load, Material, Scene
 from epcontact.studies.frame import Charts, Say, study, tabulate
 from epcontact.studies.paper_scene import TABOR, self_affine, solve_j2
@@ -26,12 +26,12 @@ PERIOD = 1e-3
 SLOPE = 0.05
 YOUNG = 210e9
 WAVES = 4
-_EFFECTIVE = ("effective_hardness", "effective hardness c = hardness / sigma_Y (–)")
+_EFFECTIVE = Axis("effective_hardness", "effective hardness c = hardness / sigma_Y (–)")
 _OVERLAP = "shared contact over the union of both (–)"
 #: The quantities that are shown, each with the label of its axis and its title.
 MEASURES = {
     "effective_hardness": (
-        _EFFECTIVE[1],
+        _EFFECTIVE.label,
         "Cap under which a body has the J2 body's contact area",
     ),
     "effective_overlap": (
@@ -94,8 +94,10 @@ def hardness(
     table["series"] = table["nu"].map("nu = {:g}".format)
     for name, (label, title) in MEASURES.items():
         level = TABOR if name == "effective_hardness" else None
-        x = ("severity", "E* xi / sigma_Y (–)")
-        plot = Plot(x, (name, label), log="x", ticks=sorted(severities), level=level)
+        x = Axis("severity", "E* xi / sigma_Y (–)")
+        plot = Plot(
+            x, Axis(name, label), log="x", ticks=sorted(severities), level=level
+        )
         yield plot, table, title
 
 
@@ -114,7 +116,7 @@ def map_of_package(say: Say) -> Charts:
     inverse = table["inverse_hardness"]
     error = np.hypot(table["scatter"], table["grid_error"])
     error = np.hypot(error, np.hypot(table["steps_error"], table["depth_error"]))
-    name, _ = _EFFECTIVE
+    name = _EFFECTIVE.column
     measured = {
         name: 1 / inverse,
         f"{name}_low": 1 / (inverse * (1 + error)),
@@ -126,7 +128,7 @@ def map_of_package(say: Say) -> Charts:
     curves = table.assign(style="curve")
     curves[name] = hardness_map.fitted_ratio(*coordinates)
     curves["series"] = curves["severity"].map("{:g}, formula".format)
-    x = ("load", "p0 / sigma_Y (–)")
+    x = Axis("load", "p0 / sigma_Y (–)")
     formula = hardness_map.formula_text()
     for nu, rows in pd.concat([places, curves]).groupby("poisson_ratio"):
         ticks = sorted(rows["load"].unique())

@@ -29,7 +29,7 @@ import pandas as pd
 from epcontact import bem
 from epcontact.errors import StudyUnavailable
 from epcontact.harness.workers import Worker, WorkerDied
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.peers.public_codes import PEERS, Pressure
 from epcontact.results import FloatArray
 from epcontact.studies.cost import AIMS, TIGHT, timed
@@ -170,7 +170,7 @@ def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
         title += f". {why}: {list_rows(races[some], form)}" if some.any() else ""
     # The settings of the peers change from grid to grid.
     drawn = races.assign(aim=races["setting"].where(is_own, ""))[races["agrees"]]
-    x = ("points_a_side", "grid points a side (–)")
-    y = ("seconds", "processor time of a solve (s)")
+    x = Axis("points_a_side", "grid points a side (–)")
+    y = Axis("seconds", "processor time of a solve (s)")
     ticks = sorted(races["points_a_side"].unique())
     return Plot(x, y, ("code", "aim"), log="xy", ticks=ticks), drawn, title

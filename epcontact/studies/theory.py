@@ -13,7 +13,7 @@ import pandas as pd
 from epcontact import bem, persson
 from epcontact.bem.areas.distribution import end_fits, extrapolate
 from epcontact.harness.gates import estimate
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.output.charts.style import CYCLE, PART_COLOURS
 from epcontact.results import ContactResult, PressureDistribution
 from epcontact.scene import Scene
@@ -37,7 +37,7 @@ from epcontact.surfaces import filtered
 #: hardness.
 ELASTIC_BODY = "elastic body"
 AREAS = (*PARTS, ELASTIC_BODY)
-_AREA = ("area_fraction", r"contact area $A / A_0$ (–)")
+_AREA = Axis("area_fraction", r"contact area $A / A_0$ (–)")
 #: The endings of a column and of the columns of its interval.
 _ENDS = ("", "_low", "_high")
 
@@ -114,7 +114,7 @@ def gamma(
     table = tabulate(say, row, seed=seeds, law=paper.LAWS)
     is_capped = table["law"] == "capped"
     table["area"] = table["part"].where(is_capped, table["part"] + " body")
-    measured = mean_with_interval(table, _AREA[0], ["area"], "estimated_error")
+    measured = mean_with_interval(table, _AREA.column, ["area"], "estimated_error")
     measured = measured[measured["area"].isin(AREAS)]
     by_theory = theory_areas()
     fits = {row["area"]: fit_gamma(by_theory, row) for _, row in measured.iterrows()}
@@ -125,13 +125,13 @@ def gamma(
     if not one_gamma([*fits.values()]):
         gammas += ": no single gamma fits all four"
 
-    curves = by_theory.melt("gamma", list(AREAS), "area", _AREA[0])
+    curves = by_theory.melt("gamma", list(AREAS), "area", _AREA.column)
     ends = by_theory["gamma"].iloc[[0, -1]]
     levels = measured.merge(ends, how="cross")
     both = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
     both = both.sort_values("area", key=lambda a: a.map(AREAS.index), kind="stable")
     plot = Plot(
-        ("gamma", r"energy reduction $\gamma$ (–)"),
+        Axis("gamma", r"energy reduction $\gamma$ (–)"),
         _AREA,
         ("area", "method"),
         style="curve",
@@ -149,7 +149,7 @@ def gamma(
         by_bem = off["area_fraction_bem"]
         ratio = off["area_fraction"] / by_bem**2 * off[f"area_fraction{bound}"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
-    y = ("deviation_percent", "theory over boundary elements, less 1 (%)")
+    y = Axis("deviation_percent", "theory over boundary elements, less 1 (%)")
     limits = {"ylim": (-40, 60)}
     plot = replace(plot, y=y, series=("area",), mark="", level=0.0, limits=limits)
     yield plot, off, f"Deviation of the theory's areas, zero at the gammas {gammas}"
@@ -169,7 +169,9 @@ def _curves(body: persson.Theory, magnifications: Sequence[float]) -> pd.DataFra
     """Return the theory's areas: columns part, magnification and area_fraction."""
     curve = body.magnification_curve(MEAN_PRESSURE, magnifications)
     columns = {name: getattr(curve, name) for name in ("magnification", *PARTS)}
-    return pd.DataFrame(columns).melt("magnification", list(PARTS), "part", _AREA[0])
+    return pd.DataFrame(columns).melt(
+        "magnification", list(PARTS), "part", _AREA.column
+    )
 
 
 @study("magnification", points=8, bandwidth=256, count=10)
@@ -204,14 +206,14 @@ def magnification(
 
     table = tabulate(say, row, seed=seeds, magnification=cut_offs)
     by = ["part", "magnification"]
-    areas = mean_with_interval(table, _AREA[0], by, "estimated_error")
+    areas = mean_with_interval(table, _AREA.column, by, "estimated_error")
     body = paper.theory_of(rough_scene(points, seeds[0], bandwidth))
     curves = _curves(body, np.geomspace(1, cut_offs[-1], 1000).tolist())
     lows = areas["area_fraction_low"].clip(lower=1e-12)  # for a logarithmic axis
     measured = areas.assign(area_fraction_low=lows)
     both = pd.concat([curves.assign(method="theory"), measured.assign(method="bem")])
     plot = Plot(
-        ("magnification", r"magnification $\zeta = q / q_0$ (–)"),
+        Axis("magnification", r"magnification $\zeta = q / q_0$ (–)"),
         _AREA,
         ("part", "method"),
         {"theory": "curve", "bem": "marks"},
@@ -227,7 +229,7 @@ def magnification(
     for end in _ENDS:
         ratio = off[f"area_fraction{end}"] / off["area_fraction_theory"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
-    y = ("deviation_percent", "boundary elements over theory, less 1 (%)")
+    y = Axis("deviation_percent", "boundary elements over theory, less 1 (%)")
     deviation = replace(plot, y=y, series=("part",), log="x", limits={}, level=0.0)
     yield deviation, off, f"Deviation of the areas, where they exceed {_SMALLEST_AREA}"
 
@@ -245,8 +247,8 @@ def magnification(
     both["zeta"] = both["magnification"].map("zeta = {:.3g}".format)
     plot = replace(
         plot,
-        x=(_DENSITY[0], r"contact pressure $\sigma$ (GPa)"),
-        y=(_DENSITY[1], r"density $P(\sigma, \zeta)$ (1/GPa)"),
+        x=Axis(_DENSITY[0], r"contact pressure $\sigma$ (GPa)"),
+        y=Axis(_DENSITY[1], r"density $P(\sigma, \zeta)$ (1/GPa)"),
         series=("zeta", "method"),
         colour="zeta",
         log="y",
@@ -311,23 +313,25 @@ def pressures(
     measured["series"] = measured[by[0]].map("{:g} points a wavelength".format)
     distribution = paper.solve_theory(scene).distribution
     by_theory = paper.binned(distribution, HARDNESS, _RELATIVE)
-    x = (_RELATIVE[0], r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$")
-    y = (_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
+    x = Axis(
+        _RELATIVE[0], r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$"
+    )
+    y = Axis(_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
     plot = Plot(x, y, style="curve", limits={"ylim": (0, None), "xlim": (0, 1)})
     table = pd.concat([by_theory.assign(series="persson"), measured])
     yield plot, table, "Density of the pressure"
 
     exact = pd.DataFrame(theory_values(scene))
-    x = ("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
-    values[x[0]] = 1 / np.sqrt(values["points_per_wavelength"])
+    x = Axis("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
+    values[x.column] = 1 / np.sqrt(values["points_per_wavelength"])
     for quantity, (name, label, _) in QUANTITIES.items():
         limits = grid_limits(values, quantity)
-        table = _ends_table(values, limits, exact, quantity, x[0])
+        table = _ends_table(values, limits, exact, quantity, x.column)
         columns = {"limit": limits[quantity], "theory": exact[quantity]}
         form = "{end} {limit:+.3g} (theory {theory:.3g})"
         listed = list_rows(limits.assign(**columns), form)
         series = ("method", "end", "kind")
-        plot = Plot(x, (quantity, label), series, colour="end", level=0.0)
+        plot = Plot(x, Axis(quantity, label), series, colour="end", level=0.0)
         title = f"The {name} of P at the ends, with limits for ever finer grids: "
         yield plot, table, title + listed
 

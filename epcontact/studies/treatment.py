@@ -18,7 +18,7 @@ import numpy as np
 from epcontact import bem
 from epcontact.errors import NotConverged, SurfaceWarning
 from epcontact.harness.quantities.registry import measure
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, Surface, rms_slope
 from epcontact.studies.areas import by_name
@@ -254,7 +254,7 @@ def treatment(
             "Crops": tabulate(say, crops, **axes, tiles=[tiles]),
             "Controls": tabulate(say, controls, **axes),
         }
-    x = ("load", "mean pressure / hardness (–)")
+    x = Axis("load", "mean pressure / hardness (–)")
     for title, table in tables.items():
         table["size"] = table["error"].abs()
         table["ratio"] = table["size"] / table["length"]
@@ -262,7 +262,7 @@ def treatment(
             groups = errors.groupby("treatment", sort=False)
             bounds = groups[["size", "ratio"]].quantile(0.9).reset_index()
             listed = list_rows(bounds, "{treatment} ({size:.2g}, {ratio:.2g})")
-            y = ("error", f"rms relative error of {name} (–)")
+            y = Axis("error", f"rms relative error of {name} (–)")
             means = root_mean_square(errors, "error", ["treatment", "load"])
             plot = Plot(x, y, ("treatment",), log="xy", ticks=LOADS)
             yield plot, means, f"{title}: {name}, {listed}"

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 import fem_check
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.persson import separation
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Study, list_rows, mean_with_interval, tabulate
@@ -65,8 +65,8 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
     Wasserstein distances from boundary elements are over their mean gap, by hardness
     over E* xi, with 95 % intervals.
     """
-    x = ("gap_over_rms_height", "gap over rms height (–)")
-    y = ("cumulative_area", "fraction of the area with a smaller gap (–)")
+    x = Axis("gap_over_rms_height", "gap over rms height (–)")
+    y = Axis("cumulative_area", "fraction of the area with a smaller gap (–)")
 
     def row(ratio, seed, method, points, bandwidth):
         """Return rows of the distribution at GAPS by a method on one surface.
@@ -75,7 +75,7 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
         wave.
         """
         scene = paper.rough_scene(points, seed, bandwidth, ratio * paper.MODULUS)
-        columns = {x[0]: GAPS, y[0]: cumulative(method, scene)}
+        columns = {x.column: GAPS, y.column: cumulative(method, scene)}
         return pd.DataFrame(columns).to_dict("records")
 
     plot = Plot(
@@ -99,8 +99,8 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
             points=[grid],
             bandwidth=[bandwidth],
         )
-        groups = table.groupby(["method", "ratio", x[0]], sort=False)
-        means = groups[y[0]].mean().reset_index()
+        groups = table.groupby(["method", "ratio", x.column], sort=False)
+        means = groups[y.column].mean().reset_index()
         means["hardness"] = means["ratio"].map(r"{:g} $E^*\xi$".format)
         listed = []
         for other in others:

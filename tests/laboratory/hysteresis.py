@@ -12,7 +12,7 @@ import math
 from dataclasses import replace
 
 from epcontact import persson
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.persson import separation
 from epcontact.scene import Load
 from epcontact.studies.frame import Study, tabulate
@@ -84,10 +84,10 @@ def hysteresis(say, points=4, seeds=range(301, 304), bandwidth=8):
     table = tabulate(
         say, cycle, seed=seeds, model=models, points=[points], bandwidth=[bandwidth]
     )
-    x = ("load_over_peak", "mean pressure over its peak (–)")
+    x = Axis("load_over_peak", "mean pressure over its peak (–)")
     plot = Plot(
         x,
-        (AREA, "contact area (–)"),
+        Axis(AREA, "contact area (–)"),
         ("model", "branch"),
         # The two curves of the theory lie on each other.
         {"theory, up": "curve", "theory, down": "open"},
@@ -97,9 +97,9 @@ def hysteresis(say, points=4, seeds=range(301, 304), bandwidth=8):
         log="xy",
     )
     yield plot, table, "Contact area"
-    plot = replace(plot, y=(GAP, "mean gap over rms height (–)"), log="x")
+    plot = replace(plot, y=Axis(GAP, "mean gap over rms height (–)"), log="x")
     yield plot, table, "Mean gap over rms height"
-    plot = replace(plot, y=(WORK, "plastic work over all energy (–)"))
+    plot = replace(plot, y=Axis(WORK, "plastic work over all energy (–)"))
     yield plot, table[table["model"] != "theory"], "Plastic work over all energy"
 
 

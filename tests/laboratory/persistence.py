@@ -18,7 +18,7 @@ from epcontact.crosscheck.model_difference import (
 )
 from epcontact.errors import InvalidScene
 from epcontact.materials.hardness_map import effective_hardness
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Body, Load
 from epcontact.studies.frame import Study, tabulate
 from epcontact.studies.hardness import SLOPE, model_scene
@@ -85,8 +85,8 @@ def raw_areas(severity, seed, nodes):
 
 def persistence(say, severities=(5.0,), seeds=range(101, 103), nodes=24):
     """Contact area up to three yield stresses by J2 flow, caps and theory."""
-    x = ("load", "p0 / sigma_Y (–)")
-    y = ("area", "contact area over nominal area (–)")
+    x = Axis("load", "p0 / sigma_Y (–)")
+    y = Axis("area", "contact area over nominal area (–)")
     for severity in severities:
         table = tabulate(say, raw_areas, severity=[severity], seed=seeds, nodes=[nodes])
         plot = Plot(x, y, styles={THEORY: "curve"}, level=1.0)

@@ -12,7 +12,7 @@ import numpy as np
 
 import fem_check
 from epcontact.crosscheck.model_difference import hardness_of_equal_area
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Load
 from epcontact.studies.frame import Study, tabulate
 from epcontact.studies.hardness import SLOPE, YOUNG, model_scene
@@ -69,8 +69,8 @@ def rough_body(say, slopes=(0.1,), seeds=range(101, 103), nodes=16):
 
     table = tabulate(say, row, severity=(5.0, 50.0), slope=slopes, seed=seeds)
     for name, label in COMPARED.items():
-        x = ("slope", "rms slope (–)")
-        y = (name, "change from that of small slopes (–)")
+        x = Axis("slope", "rms slope (–)")
+        y = Axis(name, "change from that of small slopes (–)")
         plot = Plot(x, y, log="x", ticks=sorted(slopes), level=0.0)
         yield plot, table, f"Change of the {label}, by E* xi/sigma_Y"
 

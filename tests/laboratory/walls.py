@@ -27,7 +27,7 @@ import pandas as pd
 
 from epcontact import bem, persson
 from epcontact.harness.gates import estimate
-from epcontact.output.charts.plot import Plot
+from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Load, Material, Scene
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Study
@@ -47,8 +47,8 @@ SHOWN_HARDNESS = 1.2
 #: points of an interval whose mean is shown.
 BINS = 20
 FEWEST = 30
-_X = ("relative_pressure", r"contact pressure $\sigma / (E^* \xi)$ (–)")
-_ROOT = ("root_of_step", r"root of the step, $\sqrt{\Delta G / G}$ (–)")
+_X = Axis("relative_pressure", r"contact pressure $\sigma / (E^* \xi)$ (–)")
+_ROOT = Axis("root_of_step", r"root of the step, $\sqrt{\Delta G / G}$ (–)")
 
 
 def mean_excess(pressure, sigma):
@@ -121,7 +121,7 @@ def steps(seed, bandwidth, place, points, fractions):
             "hardness": hardness,
             "w": fraction,
             "step": f"ΔG/G = {100 * step:.2g} %",
-            _ROOT[0]: round(math.sqrt(step), 6),
+            _ROOT.column: round(math.sqrt(step), 6),
         }
         at_zero = returned(p <= 0, [q <= 0 for q in changed])
         at_hardness = returned(p >= cap, [q >= cap for q in changed])
@@ -135,7 +135,7 @@ def steps(seed, bandwidth, place, points, fractions):
         change = excess - mean_excess(p, middle)
         table = pd.DataFrame(
             {
-                _X[0]: middle,
+                _X.column: middle,
                 "diffusion": square / dG / 2,
                 "drift": drift,
                 "reduction": change / dG / density,
@@ -195,7 +195,7 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
             f" (limits {known.min():.2f} to {known.max():.2f} at the {len(known)} of "
             f"{len(ends)} walls that are known to 0.1)"
         )
-    y = ("returned", "points that return over those that go (–)")
+    y = Axis("returned", "points that return over those that go (–)")
     plot = Plot(
         _ROOT,
         y,
@@ -207,7 +207,7 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
     )
     yield plot, select(flows), title
 
-    table = select(table).sort_values(["hardness", _X[0]], kind="stable")
+    table = select(table).sort_values(["hardness", _X.column], kind="stable")
     near = table[table["hardness"] == SHOWN_HARDNESS]
     note = f"d: a point's change of pressure; hardness {SHOWN_HARDNESS:g}"
     for name, label, level in (
@@ -215,9 +215,9 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
         ("drift", r"drift $\langle d \rangle E^* \xi / \Delta G$ (–)", 0.0),
     ):
         title = f"Near the walls {name} grows as the step shrinks ({note})"
-        yield Plot(_X, (name, label), ("step",), level=level), near, title
+        yield Plot(_X, Axis(name, label), ("step",), level=level), near, title
 
-    y = ("reduction", "reduction S without drift (–)")
+    y = Axis("reduction", "reduction S without drift (–)")
     ranges = {"ylim": (0, 1.2), "xlim": (0, 1.5)}
     plot = Plot(_X, y, ("body",), level=paper.GAMMA, limits=ranges)
     title = (

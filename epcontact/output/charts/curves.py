@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from epcontact.output.charts.figures import Chart
-from epcontact.output.charts.plot import Plot, draw_table
+from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import unit_for
 from epcontact.results import ContactResult, FloatArray, PressureDistribution
 
@@ -63,8 +63,8 @@ def pressure_distribution(
     if capped:
         upright[r"$\sigma_\mathrm{P}$"] = hardness / scale
     plot = Plot(
-        (PRESSURE, rf"contact pressure $\sigma$ ({unit})"),
-        (DENSITY, rf"density $P(\sigma)$ (1/{unit})"),
+        Axis(PRESSURE, rf"contact pressure $\sigma$ ({unit})"),
+        Axis(DENSITY, rf"density $P(\sigma)$ (1/{unit})"),
         styles=dict.fromkeys(formulas, "curve"),
         labels=labels,
         scale=(scale, 1 / scale),
@@ -95,8 +95,8 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
         columns = {"series": method, "iterations": range(count), "residual": residuals}
         tables.append(pd.DataFrame(columns))
     plot = Plot(
-        ("iterations", "iterations (–)"),
-        ("residual", "residual (–)"),
+        Axis("iterations", "iterations (–)"),
+        Axis("residual", "residual (–)"),
         log="y",
         ticks=range(0, longest, max(longest // 8, 1)),
     )

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -36,13 +36,26 @@ _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
 _ZERO_LABEL = "open, on the axis: 0"
 
 
+class Axis(NamedTuple):
+    """What an axis of a chart shows.
+
+    Attributes:
+        column: the column of the table whose values lie along the axis.
+        label: the text at the axis: quantity and, in parentheses, its unit.
+    """
+
+    column: str
+    label: str
+
+
 @dataclass(frozen=True)
 class Plot:
     """How the chart of a table is drawn.
 
     Attributes:
-        x, y: the columns of the two axes, each with the label of its axis.  Columns
-            `<y>_low` and `<y>_high` are drawn as error bars, along curves as bands.
+        x, y: the column and the label of the horizontal and of the vertical axis.
+            Columns `<y>_low` and `<y>_high` are drawn as error bars, along curves as
+            bands.
         series: columns whose values name a series, joined by commas without empty ones.
             The legend has the series in the order of their first rows.
         styles: how series are drawn, by their name or a value of one of their columns:
@@ -69,8 +82,8 @@ class Plot:
             and y an error then.
     """
 
-    x: tuple[str, str]
-    y: tuple[str, str]
+    x: Axis
+    y: Axis
     series: Sequence[str] = ("series",)
     styles: Mapping[Any, str] = field(default_factory=dict)
     style: str = "points"
@@ -162,8 +175,8 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         shifts = _bar_shifts(all_series)
         for one, look, shift in zip(all_series, looks, shifts, strict=True):
             _draw_series(axes, one, look, plot, shift)
-        axes.set_xlabel(typeset(plot.x[1]))
-        axes.set_ylabel(typeset(plot.y[1]))
+        axes.set_xlabel(typeset(plot.x.label))
+        axes.set_ylabel(typeset(plot.y.label))
         axes.set(**plot.limits)
         for name in plot.log:
             logarithmic(axes, name)
@@ -182,7 +195,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         if warning:
             title = "the intervals are wider than the differences"
             axes.set_title(title, color="#a63c00")
-    header = ("series", plot.x[0], plot.y[0], "low", "high")
+    header = ("series", plot.x.column, plot.y.column, "low", "high")
     rows = [row for one in all_series for row in one.rows()]
     text = f"{caption} {warning}".rstrip()
     return Chart(figure, header, rows, typeset(text, mathtext=False))
@@ -199,8 +212,8 @@ def _series(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Series:
     if not isinstance(style, str):
         keys = (key for key in (name, *values) if key in plot.styles)
         style = plot.styles.get(next(keys, None), plot.style)
-    y_column = plot.y[0]
-    columns = [plot.x[0], y_column, f"{y_column}_low", f"{y_column}_high"]
+    y_column = plot.y.column
+    columns = [plot.x.column, y_column, f"{y_column}_low", f"{y_column}_high"]
     x, y, low, high = group.reindex(columns=columns).to_numpy(np.float64).T
     colour_key = group[plot.colour].iloc[0] if plot.colour else name
     mark_key = group[plot.mark].iloc[0] if plot.mark else name
