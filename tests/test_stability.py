@@ -123,14 +123,14 @@ def test_a_map_holds_the_effort_of_each_point(coarse, name):
     """
     points = coarse[coarse["map"] == name]
     drawn = chart(points, "coarse")
-    rows = pd.DataFrame(drawn.rows)
-    columns = points[["method", "x", "y", "effort"]]
-    efforts = columns.set_index(["method", "x", "y"])["effort"].sort_index()
-    found = rows.set_index([0, 1, 2])[3].sort_index()
-    assert [*found.index] == [*efforts.index]
-    converged = points.set_index(["method", "x", "y"])["converged"].sort_index()
-    expected = efforts.where(converged)
-    assert found.to_numpy() == pytest.approx(expected.to_numpy(), nan_ok=True)
+    keys = ["method", "x", "y"]
+    expected = points[keys].assign(effort=points["effort"].where(points["converged"]))
+    found = pd.DataFrame([row[:4] for row in drawn.rows], columns=expected.columns)
+    pd.testing.assert_frame_equal(
+        found.sort_values(keys, ignore_index=True),
+        expected.sort_values(keys, ignore_index=True),
+        check_dtype=False,
+    )
     titles = [axes.get_title() for axes in drawn.figure.axes if axes.images]
     assert titles == [*dict.fromkeys(points["method"])]
 

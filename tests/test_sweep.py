@@ -7,37 +7,26 @@ import signal
 import subprocess
 import sys
 import time
-import tomllib
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
-from test_executor import Elsewhere
+from test_executor import ONE, THEORY, Elsewhere
 
 from epcontact import persson
 from epcontact.cli import sweep as sweep_command
 from epcontact.cli.list_cases import _is_verified
 from epcontact.errors import InvalidCase, NotConverged, OutputError
 from epcontact.harness import sweep
-from epcontact.harness.case_files.axes import SweepTable
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.sweep import Swept
 from epcontact.harness.verdict.verification import verify
 from epcontact.output.vtk import read_fields
 
-THEORY = (
-    ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
-    (
-        'of = "bem"\nagainst = "persson"',
-        'of = "persson"\nagainst = 0.1\nsource = "made"',
-    ),
-)
 THEORY_IS_NUMBER = ('against = "persson"', 'against = 0.1\nsource = "made"')
-ONE = ("seeds = [3, 5, 7]", "seeds = [9]")
 GRID = """
 [sweep]
 load.mean_pressure = [2e8, 4e8]
@@ -53,23 +42,6 @@ def swept(write_case):
     default the case has the theory alone, which takes milliseconds.
     """
     return lambda text=GRID, *edits: write_case(*(edits or THEORY), more=text)
-
-
-def points(text):
-    """Return the points of a sweep's table (TOML text), each as a dictionary of keys
-    and values.
-    """
-    table = SweepTable.model_validate(tomllib.loads(text))
-    found = list(table.points())
-    assert len(found) == table.size
-    return found
-
-
-PAIRS = """
-fem.law = ["capped", "j2"]
-load.mean_pressure = [1, 10, 100]
-point = [{ material.poisson_ratio = 0.0 }, { material.poisson_ratio = 0.3 }]
-"""
 
 
 def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
@@ -90,20 +62,14 @@ def test_chosen_points_keep_fields_and_pictures(swept, tmp_path):
     folder = tmp_path / "small" / "fast"
     (fields,) = folder.glob("*.vti")
     assert (
-        f"fields of mean_pressure 4e+08, seed9, bem in {fields}"
+        f"fields of mean_pressure 4e+08, seed3, bem in {fields}"
         in done.stdout.replace("\n", "")
     )
     assert read_fields(fields).attributes["mean_pressure"] == 4e8
 
 
-def test_values_grids_and_tables_are_combined():
-    """Lists of values and a list of points give the product of all."""
-    names = ("fem.law", "load.mean_pressure", "material.poisson_ratio")
-    found = {tuple(point[name] for name in names) for point in points(PAIRS)}
-    assert found == {*product(("capped", "j2"), (1, 10, 100), (0, 0.3))}
-
-
 P = "load.mean_pressure ="
+NU = "material.poisson_ratio"
 
 
 @pytest.mark.parametrize(
@@ -142,21 +108,26 @@ def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence):
 
 
 def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
-    """Each row of the table has the plastic area of the theory at the row's hardness,
-    Poisson's ratio and load.
+    """Each row of the table, one for each combination of two loads, three hardnesses
+    and two Poisson's ratios, has the plastic area of the theory at these values.
     """
-    path = swept(GRID + "[[sweep.point]]\nmaterial.poisson_ratio = 0.2\n")
-    found, case = sweep.run_sweep(path, output=tmp_path, jobs=1).table, load_case(path)
+    path = swept(f"{GRID}point = [{{ {NU} = 0.0 }}, {{ {NU} = 0.2 }}]\n")
+    case = load_case(path)
+    found = sweep.run_sweep(path, output=tmp_path, jobs=1).table
     scene = case.scene(case.recipes[0])
     for _, row in found.iterrows():
         material = replace(
-            scene.material, hardness=row["material.hardness"], poisson_ratio=0.2
+            scene.material, hardness=row["material.hardness"], poisson_ratio=row[NU]
         )
         load = replace(scene.load, mean_pressure=row["load.mean_pressure"])
         at = replace(scene, material=material, load=load)
         areas = persson.solve(at, energy_reduction=0.536).final.areas
         assert row["area.plastic.corrected"] == areas["corrected"].plastic
-    assert found["solved"].tolist() == [True] * 6
+    assert found["solved"].tolist() == [True] * 12
+    assert (
+        len(found.drop_duplicates(["load.mean_pressure", "material.hardness", NU]))
+        == 12
+    )
 
 
 def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(

@@ -16,13 +16,10 @@ from epcontact.persson.reduction import EnergyReduction
 from epcontact.persson.roughness import analytic_roughness
 from epcontact.persson.separation import gap_distribution, mean_separation
 from epcontact.persson.theory import Theory
-from epcontact.studies.gap import power_kept_by_theory, surface_after
 from epcontact.studies.paper_scene import rough_scene, yielding
 from epcontact.surfaces import (
     HeightsFromFile,
-    power_by_octave,
     residual_surface,
-    topography,
 )
 
 # The heights are about as large as the period, which changes nothing of what is tested
@@ -83,19 +80,6 @@ def test_j2_shows_its_residual_surface_only_after_unloading(tmp_path):
     write_fields(path, unloaded, scene.surface, precision="double")
     read = HeightsFromFile(path, treatment="periodic").build()
     assert np.ptp(read.heights - left.heights) < 1e-12 * left.heights.std()
-
-
-def test_the_cap_keeps_short_waves_where_the_theory_loses_them_and_skews_the_heights():
-    """The cap leaves 60 to 80 % of the power of the sixth octave, of which the theory
-    leaves less than 0.1 %, and makes the skewness more negative.
-    """
-    scene = rough_scene(4, seed=991, bandwidth=64, hardness=40e9)
-    surface = scene.surface
-    left = surface_after("cap", scene)
-    kept = power_by_octave(left)[1][:6] / power_by_octave(surface)[1][:6]
-    assert 0.6 < kept[-1] < 0.8
-    assert power_kept_by_theory(scene)[5] < 1e-3
-    assert topography(left).skewness - topography(surface).skewness < -0.4
 
 
 @pytest.mark.parametrize("pressure", [0.0005, 0.005, 0.05])
