@@ -41,6 +41,7 @@ from epcontact.peers.pressure_result import result_of_pressures
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 from epcontact.scene import Body, Load, Material, Scene, Surface
 
+#: Replacements after which SMALL_CASE has the theory alone and a gate that holds.
 THEORY = (
     ('methods = ["persson", "bem"]', 'methods = ["persson"]'),
     (
@@ -52,6 +53,7 @@ THEORY = (
 SURFACE = SMALL_CASE[SMALL_CASE.index("[surface]") : SMALL_CASE.index("[material]")]
 WAVE = '[surface]\nkind = "sinusoid"\nperiod = 1e-3\nshape = [64]\namplitude = 1e-7\n\n'
 GATE = SMALL_CASE[SMALL_CASE.index("\n[[gate]]") :]
+#: A result of the theory with a contact area of 0.1, without fields.
 ANSWER = ContactResult(
     "persson",
     (LoadStep(5e8, {"corrected": Areas(0.1, 0.1, 0.0)}),),
@@ -61,8 +63,11 @@ ANSWER = ContactResult(
 
 @pytest.fixture
 def verified(write_case, tmp_path, monkeypatch):
-    """Verify two cases of the theory, which gives one answer, or error, after the
-    other.
+    """Return a function that verifies two cases of the theory (THEORY).
+
+    Its argument is a list of the results that the theory returns, or of the errors that
+    it raises, or a function in place of the theory; it returns the verdict and writes
+    to the folder `out`.
     """
     cases = [load_case(write_case(*THEORY, name=name)) for name in ("first", "second")]
 
@@ -90,6 +95,11 @@ def verified(write_case, tmp_path, monkeypatch):
     ],
 )
 def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sentence):
+    """An exception of a solver, or a result that has not converged (`answer`), makes
+    its own case an error.
+
+    Verdict, exit code 2 and junit.xml report it; `sentence` is a part of the message.
+    """
     verdict = verified([answer, ANSWER])
     assert [case.status for case in verdict.cases] == ["error", "holds"]
     assert sentence in str(verdict.cases[0].gates[0].error)
@@ -103,6 +113,12 @@ def test_the_error_of_a_solve_is_its_cases_error(verified, tmp_path, answer, sen
 def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(
     write_case, name, status
 ):
+    """An error of a method makes its case an error, whether or not a gate reads the
+    method.
+
+    `name` is the method with the error, and `status` that of the only gate, which reads
+    the theory; pytest reports the error in both cases.
+    """
     good = MethodResults((ANSWER,), ("single",))
     given = {"persson": good, "bem": good} | {
         name: MethodResults(errors=(f"{name}, single: stalled",))
@@ -110,16 +126,17 @@ def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(
     judged = judge_case(load_case(write_case(*THEORY)), given)
     assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
-    item.number, item.parent, item.user_properties = (
-        0,
-        SimpleNamespace(verdict=judged),
-        [],
-    )
+    item.number = 0
+    item.parent = SimpleNamespace(verdict=judged)
+    item.user_properties = []
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()
 
 
 def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path):
+    """The files of an earlier verdict are gone when a solve begins, and stay away if it
+    is interrupted.
+    """
     files = [tmp_path / "out" / name for name in ("verdict.json", "junit.xml")]
 
     def solve(*_):
@@ -138,6 +155,9 @@ def test_earlier_verdict_is_gone_before_the_first_solve(verified, tmp_path):
 
 @pytest.mark.parametrize(("error", "code"), [(0.5, 0), (1.0, 1), (float("nan"), 1)])
 def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code):
+    """`epcontact plan --check` ends with exit `code` 1 if the `error` exceeds the
+    tolerance of 90 %, or is NaN.
+    """
     monkeypatch.setattr(planning, "achieved_error", lambda *_: error)
     path = write_case(
         ("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4")
@@ -147,14 +167,14 @@ def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code
     assert ("was broken" in done.output) == (code == 1)
 
 
-# --- foreign solvers
-# -----------------------------------------------------------------------------
+# --- foreign solvers ------------------------------------------------------------------
 
 
 @pytest.fixture
 def scene():
-    """A wave that is pressed flat; its exact pressure is that of
-    hostile.full_contact.
+    """Return a line of 32 points with a wave that is pressed flat.
+
+    Its exact pressure is that of hostile.full_contact.
     """
     heights = 1e-7 * np.cos(2 * np.pi * np.arange(32) / 32)
     return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
@@ -184,28 +204,16 @@ def scene():
             "hostile:has_no_steps",
             "raised ValueError: a ContactResult needs at least one load step",
         ),
-        (
-            "hostile:returns_a_list",
-            "returned a ContactResult that cannot be read (TypeError",
-        ),
-        (
-            "hostile:has_saved_work",
-            "returned fft_pairs -1, but costs are numbers from 0 up to inf",
-        ),
+        ("hostile:returns_a_list", "a ContactResult that cannot be read (TypeError"),
+        ("hostile:has_saved_work", "fft_pairs -1, but costs are numbers from 0"),
         (
             "hostile:answers_twice",
             "at [1000000000.0, 1000000000.0] Pa, but the scene has loads at",
         ),
         ("hostile:names_a_number", "returned a field named 1, but names are letters"),
         ("hostile:is_unsure", "returned converged yes, but it is 0 or 1"),
-        (
-            "hostile:is_far_off",
-            "returned gap nan, but residuals are numbers from 0 up to 1",
-        ),
-        (
-            "hostile:presses_infinitely",
-            "returned pressure is infinite or NaN at a point",
-        ),
+        ("hostile:is_far_off", "gap nan, but residuals are numbers from 0 up to 1"),
+        ("hostile:presses_infinitely", "pressure is infinite or NaN at a point"),
         ("false {scene} {result}", "returned a command that ended with exit code 1"),
         ("true {scene} {result}", "ended with exit code 0 and wrote no result"),
         ("cp {scene} {result}", "does not begin with 'epcontact-result 1'"),
@@ -218,9 +226,14 @@ def scene():
 def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(
     scene, solver, sentence
 ):
-    if solver.startswith(
-        ("converged", "pressure")
-    ):  # a command that writes this as its result
+    """`foreign.solve` raises InvalidCase with the solver and a `sentence` about what
+    went wrong.
+
+    `solver` is a function of hostile.py, a command, or the words of a result after its
+    first line.
+    """
+    if solver.startswith(("converged", "pressure")):
+        # A command that writes these words as its result.
         solver = f"sh -c 'echo epcontact-result 1 {solver} > {{result}} # {{scene}}'"
     with pytest.raises(InvalidCase) as refused:
         foreign.solve("mine", solver, scene, limit=60)
@@ -229,76 +242,88 @@ def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(
 
 
 def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
-    """Whatever it reports or its process computes, and however Fortran writes its
-    numbers.
+    """Areas, distribution and quantities follow from the pressures of a solver,
+    whatever else it reports.
+
+    The text of a result is read with the exponents of Fortran; twice the same field,
+    and numbers out of range, raise InvalidCase.
     """
     found = foreign.solve("mine", "hostile:invents_its_path", scene)
-    assert (
-        found.final.areas["corrected"]
-        == found.final.areas["raw"]
-        == Areas(1.0, 1.0, 0.0)
-    )
+    full_contact = Areas(1.0, 1.0, 0.0)
+    assert found.final.areas["corrected"] == full_contact
+    assert found.final.areas["raw"] == full_contact
     assert carried_pressure(found.distribution) == pytest.approx(1e9, rel=1e-3)
     assert "stiffness_loading" not in found.final.quantities
-    flowing = fem_check.solve(
-        rough_scene(8, 2), certified=False
-    )  # of J2, which no cap bounds
-    given = foreign._by_its_pressures(flowing, rough_scene(8, 2))
-    own, same = (vars(one.final.areas["raw"]) for one in (flowing, given))
-    assert same == pytest.approx(own, abs=1e-12)
-    assert 0 < own["plastic"] != pytest.approx(own["elastic"])
+    # J2 plasticity, whose pressures no cap bounds: the areas stay as they are.
+    flowing = fem_check.solve(rough_scene(8, 2), certified=False)
+    areas = vars(flowing.final.areas["raw"])
+    by_pressures = foreign._by_its_pressures(flowing, rough_scene(8, 2))
+    assert vars(by_pressures.final.areas["raw"]) == pytest.approx(areas, abs=1e-12)
+    assert 0 < areas["plastic"] != pytest.approx(areas["elastic"])
     text = "epcontact-result 1 converged T residual 1d-9 "
     text += "pressure 0.1D+10 1.0-120 -1.0e+9 5.+100"
     read = foreign.result_of_text(text, (4,))["pressure"]
     np.testing.assert_array_equal(read, [1e9, 1e-120, -1e9, 5e100])
-    heights = 1e-6 * np.random.default_rng(0).normal(size=(6, 4))
-    for text, said in (
+    for text, message in (
         ("pressure 1 pressure 1 converged 1", "'pressure' twice"),
         ("pressure 1 converged 2", "converged 2.0, but it is 0 or 1"),
         ("pressure 1 converged nan", "converged nan, but"),
         ("residual 1e300 pressure 1 converged 1", "residual 1e\\+300, but"),
     ):
-        with pytest.raises(InvalidCase, match=said):
+        with pytest.raises(InvalidCase, match=message):
             foreign.result_of_text(f"epcontact-result 1 {text}", (1,))
     with pytest.raises(InvalidCase, match="a field named ''"):
         foreign._checked(hostile.leaves_no_name(scene), scene)
-    springs = np.where(
-        heights >= np.sort(heights, axis=None)[-3], 1e9, 0.0
-    )  # all contact flows
-    rough = Scene(
-        Surface(heights, (1e-3, 1e-3)), Material(2e11, 0.3, 1e9), Load(springs.mean())
-    )
+
+
+def test_open_points_below_plastic_ones_are_no_solution():
+    """`result_of_pressures` raises NotConverged for the pressures of independent
+    springs, where all points in contact are plastic and others that are open lie below
+    the flat.
+    """
+    heights = 1e-6 * np.random.default_rng(0).normal(size=(6, 4))
+    third_highest = np.sort(heights, axis=None)[-3]
+    # Three points touch, all at the hardness.
+    pressure = np.where(heights >= third_highest, 1e9, 0.0)
+    surface = Surface(heights, (1e-3, 1e-3))
+    rough = Scene(surface, Material(2e11, 0.3, 1e9), Load(pressure.mean()))
     with pytest.raises(NotConverged, match="open points lie below plastic ones"):
-        result_of_pressures(rough, {"pressure": springs}, "springs")
+        result_of_pressures(rough, {"pressure": pressure}, "springs")
 
 
 @pytest.mark.parametrize("loads", ["5e8, 1e9, 5e8", "5e8, 0.0, 1e9, 1.1e9, 0.0"])
 def test_every_load_of_a_path_is_that_of_the_pressures_alone(
     write_case, tmp_path, loads
 ):
-    """Whatever a solver invents; what flow has left comes from the loads before, as in
-    `bem`.
+    """All loads of a path have the values of the boundary elements that solve the same
+    path, whatever a solver invents.
+
+    `loads` are the mean pressures in Pa; an error at the first load shows in a gate of
+    the last one.
     """
-    path = ("mean_pressure = 5.0e8", f"mean_pressure = [{loads}]"), ("[3, 5, 7]", "[3]")
-    alone = (
+    edits = (
+        ("mean_pressure = 5.0e8", f"mean_pressure = [{loads}]"),
+        ("[3, 5, 7]", "[3]"),
         ('"persson", "bem"', '"bem"'),
         ('against = "persson"', 'against = 0\nsource = "-"'),
     )
-    case = load_case(write_case(*path, *alone))
-    (judged,) = verify(
-        [case], solver="hostile:invents_its_path", output=tmp_path, jobs=1
-    ).cases
+    case = load_case(write_case(*edits))
+
+    def judge(solver):
+        """Return the verdict on the case with a solver of hostile.py."""
+        verdict = verify([case], solver=f"hostile:{solver}", output=tmp_path, jobs=1)
+        return verdict.cases[0]
+
+    judged = judge("invents_its_path")
+    wrong = judge("errs_at_the_first_load")
+    assert all(gate.holds for gate in judged.gates[1:])
+    fallen_short = {gate.quantity for gate in wrong.gates if not gate.holds}
+    assert "quantity.measured_gap" in fallen_short
     (found,) = judged.results["invents_its_path"].results
-    (wrong,) = verify(
-        [case], solver="hostile:errs_at_the_first_load", output=tmp_path
-    ).cases
-    failed = [{g.quantity for g in c.gates[1:] if not g.holds} for c in (judged, wrong)]
-    assert (failed[0], "quantity.measured_gap" in failed[1]) == (set(), True)
     assert "wear: the solver's word, which nothing here checks" in found.notes
     own = bem.solve(case.scene(case.recipes[0]))
-    assert (
-        found.cost["fft_pairs"] > 1.5 * own.cost["fft_pairs"]
-    )  # of the loads before, too
+    # The cost includes the loads before.
+    assert found.cost["fft_pairs"] > 1.5 * own.cost["fft_pairs"]
     for mine, step in zip(found.steps, own.steps, strict=True):
         for kind, areas in step.areas.items():
             assert vars(mine.areas[kind]) == pytest.approx(vars(areas), abs=1e-6)
@@ -309,6 +334,9 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
+    """A solver that changes its scene or fills its standard output changes neither the
+    caller's scene nor the result.
+    """
     heights = scene.surface.heights.copy()
     digest = scene.digest
     wrong = foreign.solve("mine", "hostile:changes_its_scene", scene)
@@ -318,14 +346,16 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
     right = foreign.solve("mine", "hostile:prints", scene, 1e300)
     exact = hostile.full_contact(scene).fields["pressure"]
     np.testing.assert_array_equal(right.fields["pressure"], exact)
-    assert (right.method, right.provenance.options["solver"]) == (
-        "mine",
-        "hostile:prints",
-    )
+    assert right.method == "mine"
+    assert right.provenance.options["solver"] == "hostile:prints"
 
 
 def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch):
-    """What is not finished in time is ended with all that it started."""
+    """A Worker runs its calls in one process, and starts another one after that died.
+
+    WorkerDied reports exit code, exception or time limit; processes that a call has
+    started end with it.
+    """
     monkeypatch.chdir(tmp_path)
     worker = Worker()
     first = worker.call(os.getpid)
@@ -345,6 +375,9 @@ def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkey
 
 
 def test_process_that_dies_costs_its_own_task_only():
+    """A task whose process dies has an error, and all other tasks of the pool have
+    their results.
+    """
     items = ["one", "dies", "two", "three"]
     found = dict(spread(hostile.answers_or_dies, items, WorkerPool(2)))
     assert found.pop("dies") == "its process ended with exit code 0 and gave no answer"
@@ -352,7 +385,10 @@ def test_process_that_dies_costs_its_own_task_only():
 
 
 def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
-    """Also when it is killed, with what is still running."""
+    """Workers do not run the script that starts them.
+
+    They end with it, also when it is killed while they work.
+    """
     (tmp_path / "script.py").write_text(
         "import os, time; from epcontact.harness.workers import Worker, WorkerPool\n"
         "pool, worker = WorkerPool(1), Worker()\n"
@@ -371,52 +407,61 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     assert (done.returncode, done.stderr) == (-9, "")
 
 
+#: The head of the text that a program gets: lengths in m, stresses in Pa.
+SCENE_TEXT = """epcontact-scene 1
+dimensions 2
+shape 2 3
+periods 2.0 4.5
+young_modulus 2.5
+poisson_ratio 0.3
+hardness 11.0
+yield_stress 5.0
+body bonded_layer
+depth 0.75
+loads 4
+0.5
+4.0
+1.5
+2.5
+"""
+
+
 @pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(
     tmp_path, monkeypatch
 ):
+    """A program gets SCENE_TEXT and the heights, and its result has each field at its
+    points.
+
+    A terminal that cannot be written to does no harm.
+    """
     heights = np.array([[0.0, 0.5, -1.25], [3.0, 1e-9, 1 / 3]])
     metal = Material(2.5, 0.3, 11.0, 5.0)
     surface = Surface(heights, (2.0, 4.5))
     body = Body("bonded_layer", 0.75)
     scene = Scene(surface, metal, Load((0.5, 4.0, 1.5, 2.5)), body)
     head, *rest = foreign.scene_text(scene).partition("heights\n")
-    assert head.splitlines() == [
-        "epcontact-scene 1",
-        "dimensions 2",
-        "shape 2 3",
-        "periods 2.0 4.5",
-        "young_modulus 2.5",
-        "poisson_ratio 0.3",
-        "hardness 11.0",
-        "yield_stress 5.0",
-        "body bonded_layer",
-        "depth 0.75",
-        "loads 4",
-        "0.5",
-        "4.0",
-        "1.5",
-        "2.5",
-    ]
+    assert head == SCENE_TEXT
     assert [*map(float, rest[1].split())] == [*heights.flat]
     fields = "gap {} residual 1D-3 displacement {} converged 1 pressure {}"
     texts = (" ".join(map(repr, (heights + k).ravel().tolist())) for k in range(3))
     (tmp_path / "made").write_text(f"epcontact-result 1 {fields.format(*texts)}")
-    monkeypatch.setattr(
-        sys, "stderr", Mock(write=Mock(side_effect=OSError))
-    )  # it is full
+    full_disk = Mock(write=Mock(side_effect=OSError))
+    monkeypatch.setattr(sys, "stderr", full_disk)
     words = ["sh", "-c", f"echo said >&2; cp '{tmp_path}/made' {{result}}"]
     read = foreign.answer_of_command(words, scene)
-    assert ([*scene.load.path], "sh") == (
-        [s.mean_pressure for s in read.steps],
-        read.method,
-    )
+    assert read.method == "sh"
+    assert tuple(step.mean_pressure for step in read.steps) == scene.load.path
     for k, name in enumerate(("gap", "displacement", "pressure")):
         np.testing.assert_array_equal(read.fields[name], heights + k)
 
 
 def test_solver_in_c(scene, tmp_path):
-    if not (compiler := shutil.which("cc") or shutil.which("gcc")):
+    """The example in C, full_contact.c, solves a wave pressed flat to 1e-12, and
+    reports a load at which it has not converged.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
         pytest.skip("there is no C compiler")
     program = tmp_path / "full_contact"
     source = Path(__file__).with_name("full_contact.c")
@@ -430,8 +475,7 @@ def test_solver_in_c(scene, tmp_path):
         foreign.solve("c", command, replace(scene, load=Load(1e6)))
 
 
-# --- what is refused before anything is solved
-# ---------------------------------------------------
+# --- what is refused before anything is solved ----------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -469,6 +513,11 @@ def test_solver_in_c(scene, tmp_path):
 def test_what_cannot_be_judged_is_refused_before_anything_is_solved(
     write_case, tmp_path, solver, changes, sentence
 ):
+    """`verify` raises InvalidCase with `sentence`, and writes nothing.
+
+    `solver` is that of the command line, "" for none, and `changes` are replacements in
+    SMALL_CASE.
+    """
     with pytest.raises(InvalidCase) as refused:
         verify(write_case(*changes), solver=solver, output=tmp_path / "out")
     assert sentence in str(refused.value)

@@ -40,14 +40,22 @@ from epcontact.results import (
     Provenance,
 )
 
-SPACING = (2e-6, 1e-6)  # m
+SPACING = (2e-6, 1e-6)  # m, of the points along x and y
 HARDNESS = 1.5e11  # Pa
-PRESSURES = np.linspace(0, HARDNESS, 80)
+PRESSURES = np.linspace(0, HARDNESS, 80)  # Pa, of a made-up distribution
+#: How most tables of this file are drawn.
 PLOT = Plot(x=Axis("cost_s", "cost (s)"), y=Axis("error", "error (–)"), log="xy")
+MEAN_PRESSURE = 1.25e10  # Pa
+DIFFUSION = 4.2e21  # Pa^2, half the variance of the pressures in full contact
 
 
 def table_of(**series):
-    """Return a row for each point of the series, given as their costs and errors."""
+    """Return a table with the columns "series", "cost_s" and "error", one row for each
+    point.
+
+    Each argument is a series by its name, given as a list of costs (s) and one of
+    errors.
+    """
     return pd.concat(
         pd.DataFrame({"series": name, "cost_s": x, "error": y})
         for name, (x, y) in series.items()
@@ -55,22 +63,30 @@ def table_of(**series):
 
 
 def with_bounds(table, width):
-    """Return a table whose errors have bounds at a distance."""
+    """Return a table whose errors have the bounds error - width and error + width."""
     errors = table["error"]
     return table.assign(error_low=errors - width, error_high=errors + width)
 
 
 def lines_of(table, **changes):
-    """Return the lines of the chart of a table, by their labels."""
+    """Return the drawn lines (matplotlib) of the chart of a table, by their labels.
+
+    `changes` are fields of Plot that differ from PLOT.
+    """
     (axes,) = draw_table(table, replace(PLOT, **changes), "A caption.").figure.axes
     return {line.get_label(): line for line in axes.lines}
 
 
 def result_of(method, plastic_area):
-    """Return a result with a pressure distribution and, for the theory, a diffusion."""
+    """Return a made-up result of a method at MEAN_PRESSURE, with the diffusion of a
+    theory.
+
+    Its elastic area rises as sin^2 from pressure 0 to the hardness, where it equals
+    `plastic_area`, a fraction of the nominal area.
+    """
     cumulative = plastic_area * np.sin(PRESSURES / HARDNESS * np.pi / 2) ** 2
     distribution = PressureDistribution(PRESSURES, cumulative, plastic_area)
-    step = LoadStep(1.25e10, {}, quantities={"diffusion": 4.2e21})
+    step = LoadStep(MEAN_PRESSURE, {}, quantities={"diffusion": DIFFUSION})
     return ContactResult(method, (step,), Provenance("x"), distribution)
 
 
@@ -79,11 +95,16 @@ def result_of(method, plastic_area):
 
 
 def round_contact(*shape):
-    """Return pressure, state and gap of a round contact away from the middle."""
-    places = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
-    height = np.full(shape, 0.06)
-    for place, centre in zip(places, (0.3, 0.6), strict=False):
-        height -= (place - centre) ** 2
+    """Return pressure (Pa), state and gap (m) of a round contact whose centre is at 0.3
+    and 0.6 of the periods.
+
+    `shape` is the number of points in each direction, of one or two dimensions, and the
+    shape of the three arrays.
+    """
+    coordinates = np.meshgrid(*(np.arange(n) / n for n in shape), indexing="ij")
+    height = np.full(shape, 0.06)  # the square of the radius of the contact
+    for coordinate, centre in zip(coordinates, (0.3, 0.6), strict=False):
+        height -= (coordinate - centre) ** 2
     pressure = np.clip(height * 5e12, 0, HARDNESS)
     state = np.full(shape, APART)
     state[pressure > 0] = ELASTIC
@@ -92,26 +113,32 @@ def round_contact(*shape):
 
 
 def make_map():
+    """Draw a contact map of 60 x 90 points with separated, elastic and plastic points.
+    """
     pressure, state, _ = round_contact(60, 90)
     return maps.contact_map(state, pressure, SPACING, hardness=HARDNESS)
 
 
 def make_difference():
+    """Draw the difference of two pressures, of which the second is 2 % lower."""
     pressure, _, _ = round_contact(60, 90)
     return maps.pressure_difference(pressure, 0.98 * pressure, SPACING)
 
 
 def make_profile():
+    """Draw the profile of a line of 80 points, 1 µm apart."""
     pressure, state, gap = round_contact(80)
     return maps.contact_profile(state, pressure, gap, (1e-6,))
 
 
+#: FFT pairs at 7 loads and 5 hardnesses; NaN where the solver fails.
 EFFORT = np.random.default_rng(20260721).integers(5, 900, (7, 5)).astype(float)
 EFFORT[4:, 3:] = np.nan
 EFFORT[2, 0] = np.nan
 
 
 def make_stability():
+    """Draw the FFT pairs of two solvers over load and hardness, with failures."""
     return maps.stability_map(
         {"newton": EFFORT, "polonsky-keer": 3 * EFFORT},
         np.linspace(0.04, 0.67, 7),
@@ -123,6 +150,9 @@ def make_stability():
 
 
 def make_distribution():
+    """Draw the pressure distribution of the theory and the mean of two surfaces, with
+    the closed forms of the theory.
+    """
     results = {
         "persson": [result_of("persson", 0.06)],
         "bem": [result_of("bem", 0.02), result_of("bem", 0.1)],
@@ -133,7 +163,7 @@ def make_distribution():
 
 def make_curves():
     """Draw axes of little more than a decade, where matplotlib labels minor ticks, with
-    bounds and upright lines.
+    bands, a single point and two upright lines.
     """
     q = np.geomspace(3, 60, 6)
     table = table_of(bem=(q, 1 / q), analytic=(q, 1 / q), limit=([60], [0.1]))
@@ -149,7 +179,10 @@ def make_curves():
 
 
 def make_front():
-    """Draw a front that has neither curves nor points behind an exact one."""
+    """Draw the Pareto front of two series, one of which has an error of 0.
+
+    The series "flat" is a curve, which is no part of the front.
+    """
     table = table_of(
         a=([1, 5], [0.1, 0.0]), b=([3, 9], [0.01, 0.001]), flat=([1, 4], [0.01, 0.01])
     )
@@ -158,7 +191,9 @@ def make_front():
 
 
 def make_bounds():
-    """Draw points, ticks, guides and labels in other units than those of the table."""
+    """Draw two points with bounds, ticks, guides and labels in units other than the
+    table's.
+    """
     table = pd.DataFrame(
         {
             "series": "a",
@@ -182,30 +217,32 @@ def make_bounds():
 
 
 def make_history():
+    """Draw a residual that falls by 10 in each of 30 iterations."""
     return curves.residual_history({"newton": 10.0 ** -np.arange(30)})
 
 
-MAKERS = {
-    "from above": make_map,
-    "difference": make_difference,
-    "profile": make_profile,
-    "stability": make_stability,
-    "distribution": make_distribution,
-    "curves": make_curves,
-    "front": make_front,
-    "bounds": make_bounds,
-    "history": make_history,
-}
+MAKERS = (
+    make_map,
+    make_difference,
+    make_profile,
+    make_stability,
+    make_distribution,
+    make_curves,
+    make_front,
+    make_bounds,
+    make_history,
+)
 
 
-@pytest.fixture(params=MAKERS.values(), ids=MAKERS.keys())
+@pytest.fixture(params=MAKERS)
 def make_chart(request):
-    """Return each function that makes a chart."""
+    """Return one function that draws a chart, for each in MAKERS."""
     return request.param
 
 
 def texts_with_boxes(figure, monkeypatch):
-    """Return the texts that are really drawn, with their boxes in pixels.
+    """Return the texts that matplotlib draws in a figure, as pairs of text and its box
+    in pixels.
 
     The boxes are half a pixel smaller on each side, for the rounding of the layout.
     """
@@ -213,6 +250,7 @@ def texts_with_boxes(figure, monkeypatch):
     draw = mpl.text.Text.draw
 
     def draw_and_note(text, renderer):
+        """Draw a text, and append it with its box unless it is blank."""
         if text.get_visible() and text.get_text().strip():
             box = text.get_window_extent(renderer).padded(-0.5)
             boxes.append((text.get_text(), box))
@@ -225,23 +263,31 @@ def texts_with_boxes(figure, monkeypatch):
 
 
 def test_texts_of_a_chart_are_whole_and_apart(make_chart, monkeypatch):
+    """No text of a chart is cut off by the page or overlaps another text."""
     figure = make_chart().figure
     boxes = texts_with_boxes(figure, monkeypatch)
     assert len(boxes) > 5
     page = figure.bbox.padded(0.5)
     for text, box in boxes:
-        assert np.all((page.min <= box.min) & (box.max <= page.max)), text
+        assert np.all(page.min <= box.min), text
+        assert np.all(box.max <= page.max), text
     for (text, box), (other_text, other_box) in itertools.combinations(boxes, 2):
         assert not box.overlaps(other_box), (text, other_text)
 
 
 def test_axes_of_a_chart_have_units(make_chart):
+    """Each label of an axis has a unit in parentheses."""
     for axes in make_chart().figure.axes:
         for label in (axes.get_xlabel(), axes.get_ylabel()):
             assert re.search(r"\(.+\)", label) or not label
 
 
 def test_a_chart_is_the_same_four_files_again(make_chart, tmp_path):
+    """A chart is saved as .png, .svg, .csv and .txt, and a second time as the same
+    bytes.
+
+    The text is the caption, and the table has the columns and rows of the chart.
+    """
     chart = make_chart()
     paths = chart.save(tmp_path / "first")
     paths_of_second = make_chart().save(tmp_path / "second")
@@ -263,12 +309,15 @@ def test_a_chart_is_the_same_four_files_again(make_chart, tmp_path):
 
 
 def labels_of(legend):
-    """Return the texts of a legend."""
+    """Return the texts of a matplotlib legend, as a list."""
     return [text.get_text() for text in legend.texts]
 
 
 def test_values_and_bounds_are_drawn_in_the_units_of_the_axes():
-    """The drawn x is twice that of the table and y a quarter of it."""
+    """The scale of a plot multiplies coordinates and bounds, here x by 2 and y by 1/4.
+
+    Level, upright line, ticks and limits are given in the units of the axes.
+    """
     (axes,) = make_bounds().figure.axes
     points, level, upright = axes.lines
     assert points.get_xydata().tolist() == [[2, 0.75], [4, 1.25]]
@@ -286,6 +335,10 @@ def test_values_and_bounds_are_drawn_in_the_units_of_the_axes():
 
 
 def test_a_curve_has_a_band_and_ticks_within_its_decade():
+    """A curve has a band between its bounds, here 10 % about 1/x.
+
+    A logarithmic axis of little more than a decade labels 1, 2 and 5 of each decade.
+    """
     (axes,) = make_curves().figure.axes
     axes.figure.canvas.draw()
     ticks = [tick.get_text() for tick in axes.get_xticklabels(which="both")]
@@ -297,6 +350,10 @@ def test_a_curve_has_a_band_and_ticks_within_its_decade():
 
 
 def test_a_front_tells_orders_and_draws_an_error_of_zero_on_the_axis():
+    """The legend states the order of a series, and errors of 0 are drawn on the axis.
+
+    The front joins the points that no other point beats in cost and error.
+    """
     (axes,) = make_front().figure.axes
     order = math.log(0.01 / 0.001) / math.log(9 / 3)
     assert labels_of(axes.get_legend()) == [
@@ -313,6 +370,9 @@ def test_a_front_tells_orders_and_draws_an_error_of_zero_on_the_axis():
 
 
 def test_failures_are_crossed_in_their_cells_of_a_stability_map():
+    """A stability map has a panel for each solver, a cross where its effort is NaN, and
+    one colour scale for all panels.
+    """
     panels = [axes for axes in make_stability().figure.axes if axes.images]
     failures = np.argwhere(np.isnan(EFFORT)).tolist()
     limits = (np.nanmin(EFFORT), 3 * np.nanmax(EFFORT))
@@ -323,11 +383,16 @@ def test_failures_are_crossed_in_their_cells_of_a_stability_map():
         assert sorted(crosses.get_xydata().tolist()) == failures
         np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.nan), effort.T)
         assert image.get_clim() == limits
-        places = [tick.get_text() for tick in axes.get_yticklabels()]
-        assert places == ["0.2", "0.313", "0.49", "0.767", "1.2"]
+        hardnesses = [tick.get_text() for tick in axes.get_yticklabels()]
+        assert hardnesses == ["0.2", "0.313", "0.49", "0.767", "1.2"]
 
 
 def test_all_files_or_none_and_every_digit(tmp_path):
+    """The table of a chart keeps every digit.
+
+    If one of its four files cannot be written, `save` raises OutputError and writes
+    none.
+    """
     chart = curves.residual_history({"bem": [1 / 3, math.pi, math.e]})
     rows = list(csv.reader(io.StringIO(chart.csv())))[1:]
     assert [float(row[2]) for row in rows] == [1 / 3, math.pi, math.e]
@@ -338,6 +403,7 @@ def test_all_files_or_none_and_every_digit(tmp_path):
 
 
 def test_matplotlib_is_left_as_it_was():
+    """Charts neither use nor change the settings of matplotlib, nor import pyplot."""
     code = f"""
 import sys, matplotlib as mpl
 from epcontact.output.charts.curves import residual_history
@@ -359,9 +425,17 @@ assert label.get_size() == {SETTINGS["axes.labelsize"]}
     [(0.5, 2, True), (0.03125, 2, False), (5.0, 1, False)],
 )
 def test_intervals_wider_than_all_differences_are_said(width, series, is_warned):
+    """The title and the caption say so if the intervals of two series hide their
+    differences.
+
+    `width` is the half-width of the intervals, `series` the number of series (1 or 2),
+    and `is_warned` whether the chart says so.
+    """
     name = "E* xi / sigma_Y = 5"
-    both = {name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0]), "b": ([1.0, 2.0], [1.1, 2.0])}
-    table = table_of(**dict([*both.items()][:series]))
+    points = {name: ([1.0, 2.0, 3.0], [1.0, 2.1, 3.0])}
+    if series == 2:
+        points["b"] = ([1.0, 2.0], [1.1, 2.0])
+    table = table_of(**points)
     plot = Plot(Axis("cost_s", "E* xi / sigma_Y (–)"), Axis("error", "y (–)"))
     chart = draw_table(with_bounds(table, width), plot, "At E* xi/sigma_Y = 5.")
     (axes,) = chart.figure.axes
@@ -372,7 +446,9 @@ def test_intervals_wider_than_all_differences_are_said(width, series, is_warned)
 
 
 def table_of_parts():
-    """Return three series for each of two parts, with bounds."""
+    """Return a table of three series (theory, bem, limit) for each of the parts
+    "elastic" and "plastic", with bounds.
+    """
     table = table_of(theory=([1, 2], [1, 2]), bem=([1, 2], [1, 3]), limit=([0.5], [1]))
     styles = {"theory": "curve", "bem": "marks", "limit": "open"}
     table["style"] = table["series"].map(styles)
@@ -390,6 +466,9 @@ LOOK_OF_PARTS = {
 
 @pytest.mark.parametrize("name", ["theory", "bem", "limit"])
 def test_a_series_has_the_same_mark_in_each_colour(name):
+    """Elastic and plastic part of a series (`name`) have one mark and one line style,
+    and each part has its colour.
+    """
     lines = lines_of(table_of_parts(), **LOOK_OF_PARTS)
     elastic = lines[f"elastic, {name}"]
     plastic = lines[f"plastic, {name}"]
@@ -400,22 +479,25 @@ def test_a_series_has_the_same_mark_in_each_colour(name):
 
 
 def test_error_bars_stand_side_by_side_at_their_marks():
+    """Error bars of four series at one x are more than a pixel apart, together less
+    than 10 pixels.
+
+    The marks stay at their x.
+    """
     lines = lines_of(table_of_parts(), **LOOK_OF_PARTS)
     axes = next(iter(lines.values())).axes
     for line in lines.values():
         assert line.get_transform() == axes.transData  # marks are in place
-    places = [
-        bars.get_transform().transform((1, 1))[0]
-        for bars in axes.collections
-        if isinstance(bars, mpl.collections.LineCollection)
-    ]
-    distances = np.diff(places)
+    all_bars = axes.findobj(mpl.collections.LineCollection)
+    positions = [bars.get_transform().transform((1, 1))[0] for bars in all_bars]
+    distances = np.diff(positions)
     assert len(distances) == 3
     assert np.all(distances > 1)  # pixels
     assert distances.sum() < 10
 
 
 def test_methods_keep_their_colours_and_others_do_not_borrow_them():
+    """A method has the same colour in each chart, and no other series has it."""
     names = ("fem", "raw", "bem corrected", "other", "persson, equation (3)")
     lines = lines_of(table_of(**dict.fromkeys(names, ([1, 2], [1, 2]))))
     assert len({line.get_color() for line in lines.values()}) == 5
@@ -425,6 +507,10 @@ def test_methods_keep_their_colours_and_others_do_not_borrow_them():
 
 @pytest.mark.parametrize("style", ["points", "curve"])
 def test_twenty_series_have_different_looks(style):
+    """No two of 20 series share colour, mark and line style.
+
+    `style` is their style in Plot.
+    """
     many = table_of(**{f"kind {n}": ([1, 2], [1, 2]) for n in range(20)})
     looks = {
         (line.get_color(), line.get_marker(), line.get_linestyle())
@@ -434,6 +520,9 @@ def test_twenty_series_have_different_looks(style):
 
 
 def test_the_legend_names_values_of_zero_once():
+    """The legend explains once the open marks of values of 0 on a logarithmic axis, for
+    two series with such a value.
+    """
     zeros = ([1, 2], [0.0, 0.1])
     labels = [*lines_of(table_of(a=zeros, b=zeros))]
     assert labels == ["a", "b", "open, on the axis: 0", "_"]
@@ -443,6 +532,9 @@ def test_the_legend_names_values_of_zero_once():
     st.lists(st.tuples(st.floats(1e-3, 1e3), st.floats(0, 1)), min_size=1, max_size=30)
 )
 def test_nothing_beats_the_pareto_front(points):
+    """The front has exactly the points (cost, error) for which no other point is as
+    cheap and as accurate, in the order of their costs.
+    """
     costs, errors = zip(*points, strict=True)
     unbeaten = {*points}
     for cost, error in points:
@@ -456,16 +548,16 @@ def test_nothing_beats_the_pareto_front(points):
 
 @given(order=st.floats(-4, 4), factor=st.floats(1e-6, 1e6))
 def test_the_order_of_a_power_law_is_its_exponent(order, factor):
-    h = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
-    error = np.array([*(factor * h[:4] ** order), 1.0])
-    assert observed_order(h, error) == pytest.approx(order, abs=1e-9)
+    """The observed order of errors factor h^order is `order`; a spacing h of 0 is left
+    out.
 
-
-@pytest.mark.parametrize(
-    ("x", "y"), [([1.0, 1.0], [2.0, 3.0]), ([1.0, 2.0], [0.0, math.nan])]
-)
-def test_one_place_or_no_positive_value_has_no_order(x, y):
-    assert math.isnan(observed_order(x, y))
+    The order is NaN if all spacings are equal or no error is positive.
+    """
+    spacing = np.array([0.5, 0.25, 0.1, 0.01, 0.0])
+    error = np.array([*(factor * spacing[:4] ** order), 1.0])
+    assert observed_order(spacing, error) == pytest.approx(order, abs=1e-9)
+    assert math.isnan(observed_order([1.0, 1.0], [2.0, 3.0]))
+    assert math.isnan(observed_order([1.0, 2.0], [0.0, math.nan]))
 
 
 @given(
@@ -473,8 +565,10 @@ def test_one_place_or_no_positive_value_has_no_order(x, y):
     bins=st.integers(1, 80),
 )
 def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
-    """This also holds if many points have the same pressure, a step of the cumulative
-    area.
+    """The histogram of a pressure distribution holds its elastic area, here 0.4.
+
+    `pressures` (Pa) are those of the points, and `bins` is the number of the
+    histogram's bins; points of equal pressure are a step of the cumulative area.
     """
     ascending = np.append(np.sort(pressures), 1e9)
     cumulative = np.linspace(0.01, 0.4, ascending.size)
@@ -486,6 +580,12 @@ def test_the_density_sums_up_to_the_elastic_area(pressures, bins):
 
 
 def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
+    """A chart of distributions shows the mean of the surfaces, and the theory as its
+    closed form.
+
+    Without hardness this is equation (1) of the paper, here with its mirror image at 0,
+    and with it the sum of the modes between 0 and the hardness.
+    """
     chart = make_distribution()
     rows = pd.DataFrame(chart.rows).groupby(0, sort=False)[2].apply(list)
     _, density = curves.pressure_density(result_of("bem", 0.06).distribution)
@@ -495,8 +595,8 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
     mean_plastic_area = (0.02 + 0.1) / 2
     label = f"bem (counted plastic area {mean_plastic_area:g})"
     assert labels_of(axes.get_legend())[1] == label
-    G = 4.2e21  # diffusion in Pa^2
-    p0 = 1.25e10  # mean pressure in Pa
+    G = DIFFUSION
+    p0 = MEAN_PRESSURE
     x, y = lines["persson without hardness"].get_xydata().T  # GPa and 1/GPa
     near = np.exp(-((1e9 * x - p0) ** 2) / (4 * G))
     far = np.exp(-((1e9 * x + p0) ** 2) / (4 * G))
@@ -510,11 +610,14 @@ def test_a_distribution_has_means_of_surfaces_and_the_theory_is_its_formula():
 
 
 def test_the_legend_has_the_colours_of_the_map():
+    """The legend of a contact map has the colour of the map for each state, and the
+    fraction of its points.
+    """
     state = np.full((60, 40), APART)
     state[5:25, 5:15] = ELASTIC
     state[35:55, 25:35] = PLASTIC
-    # In µm, x to the right and y upward.
-    places = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}
+    # A point of the map in each state, in µm: x to the right and y upward.
+    points = {APART: (30, 4), ELASTIC: (15, 20), PLASTIC: (45, 60)}
     chart = maps.contact_map(state, 1e9 * (state > 0), (1e-6, 2e-6))
     figure = chart.figure
     with Image.open(io.BytesIO(chart.png())) as picture:
@@ -523,11 +626,11 @@ def test_the_legend_has_the_colours_of_the_map():
     figure.canvas.draw()
     (legend,) = figure.legends
     patches = dict(zip(labels_of(legend), legend.get_patches(), strict=True))
-    for kind, place in places.items():
+    for kind, point in points.items():
         label = f"{STATE_NAMES[kind]} {100 * np.mean(state == kind):.2f} %"
         (x0, y0), (x1, y1) = patches[label].get_window_extent().get_points()
         legend_colour = pixels[int(y0 + y1) // 2, int(x0 + x1) // 2]
-        x, y = figure.axes[0].transData.transform(place)
+        x, y = figure.axes[0].transData.transform(point)
         map_colour = pixels[int(y), int(x)]
         assert np.array_equal(legend_colour, map_colour)
 
@@ -536,7 +639,6 @@ def test_the_legend_has_the_colours_of_the_map():
     ("value", "unit", "scale", "prefixed_unit"),
     [
         (2.5e-4, "m", 1e-6, "µm"),
-        (3e-9, "m", 1e-9, "nm"),
         (1e-10, "m", 1e-9, "nm"),
         (1500.0, "m", 1.0, "m"),
         (1.5e11, "Pa", 1e9, "GPa"),
@@ -545,9 +647,14 @@ def test_the_legend_has_the_colours_of_the_map():
     ],
 )
 def test_units_suit_their_values(value, unit, scale, prefixed_unit):
+    """`unit_for` returns the scale and the prefixed unit of a value in the base `unit`.
+
+    Values of 0 and infinity have no prefix.
+    """
     assert unit_for(value, unit) == (scale, prefixed_unit)
 
 
 def test_an_empty_chart_is_refused():
+    """`residual_history` raises ValueError if no residual is a number."""
     with pytest.raises(ValueError, match="nothing to draw"):
         curves.residual_history({"a": [math.nan]})
