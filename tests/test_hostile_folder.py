@@ -151,7 +151,8 @@ def test_a_view_of_a_result_follows_no_link_to_private_fields(results):
     ("link", "target"), [("small", "private"), ("small/fast", "private/fast")]
 )
 def test_a_folder_of_results_cannot_be_a_link_to_another(results, link, target):
-    """A report refuses a folder of a case or of a size (`link`) that leads to `target`.
+    """A report refuses a folder of a case or of a size (`link`) that is a link to
+    `target`, a folder beside the results.
     """
     shutil.rmtree(results / "small")
     (results / link).parent.mkdir(exist_ok=True)
@@ -186,7 +187,8 @@ def test_the_list_of_a_sweep_cannot_name_a_file_outside_of_its_folder(results):
 
 
 def test_a_link_that_stays_inside_and_a_folder_that_is_a_link_are_welcome(results):
-    """A report accepts a link inside of the folder, and a folder that is itself a link.
+    """A report accepts a link inside of the folder and a folder that is itself a
+    link.
     """
     (results / "latest").symlink_to("small")
     link = results.parent / "link"

@@ -113,7 +113,8 @@ def round_contact(*shape):
 
 
 def make_map():
-    """Draw a contact map of 60 x 90 points with separated, elastic and plastic points.
+    """Draw a contact map of 60 x 90 points, with separated, elastic and plastic
+    ones.
     """
     pressure, state, _ = round_contact(60, 90)
     return maps.contact_map(state, pressure, SPACING, hardness=HARDNESS)
@@ -162,8 +163,10 @@ def make_distribution():
 
 
 def make_curves():
-    """Draw axes of little more than a decade, where matplotlib labels minor ticks, with
-    bands, a single point and two upright lines.
+    """Draw axes of little more than a decade, with bands, a point and two upright
+    lines.
+
+    matplotlib labels minor ticks of such axes.
     """
     q = np.geomspace(3, 60, 6)
     table = table_of(bem=(q, 1 / q), analytic=(q, 1 / q), limit=([60], [0.1]))
