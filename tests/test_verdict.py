@@ -25,7 +25,13 @@ from command_line import invoke
 
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.case_files.case import find_case, load_case
-from epcontact.harness.gates import Gate, distance, judge, judge_distance, unjudged
+from epcontact.harness.gates import (
+    Gate,
+    distance,
+    judge_distance,
+    judge_values,
+    unjudged_verdict,
+)
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
@@ -80,7 +86,7 @@ def test_differences_of_known_values(
     The values are one area for each surface. `paired` takes differences surface by
     surface; Student's factor for three surfaces is 4.3026527.
     """
-    found = judge(gate(norm), values, references, paired).difference
+    found = judge_values(gate(norm), values, references, paired).difference
     assert (found.mean, found.half_width) == pytest.approx(
         (mean, half_width), rel=1e-12
     )
@@ -109,7 +115,7 @@ def test_a_gate_holds_only_if_the_whole_interval_does(band, values, references, 
     """A gate holds if the whole 95 % interval of the deviation is inside of its band,
     not the mean alone; NaN and infinity never hold.
     """
-    assert judge(band, values, references, paired=False).holds == holds
+    assert judge_values(band, values, references, paired=False).holds == holds
 
 
 def test_margin_is_the_band_over_difference_and_interval():
@@ -117,12 +123,14 @@ def test_margin_is_the_band_over_difference_and_interval():
     plus its half-width; a gate without a judgement has the margin NaN.
     """
     wide = gate("absolute", -0.1, 0.3)
-    assert judge(wide, [1.2], [1.0], paired=False).margin == pytest.approx(0.2 / 0.1)
-    spread = judge(wide, [1.0, 1.2], [1.0], paired=False)
+    assert judge_values(wide, [1.2], [1.0], paired=False).margin == pytest.approx(
+        0.2 / 0.1
+    )
+    spread = judge_values(wide, [1.0, 1.2], [1.0], paired=False)
     assert spread.margin == pytest.approx(0.2 / spread.difference.half_width)
     assert judge_distance(replace(wide, norm="l2"), [0.1]).margin == pytest.approx(3.0)
     assert not judge_distance(gate("supremum", 0, 1), [math.nan]).holds
-    assert math.isnan(unjudged(wide, "no").margin)
+    assert math.isnan(unjudged_verdict(wide, "no").margin)
 
 
 def uniform(low, area=1.0, plastic=0.0):
@@ -396,7 +404,7 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
     )
     before = datetime.now(UTC).replace(microsecond=0)
     told = []
-    again = verify(written / "small.toml", jobs=1, output=tmp_path, judged=told.append)
+    again = verify(written / "small.toml", jobs=1, output=tmp_path, on_case=told.append)
     assert told == [*again.cases]
     made = again.made
     assert made.version == version("epcontact")

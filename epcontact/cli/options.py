@@ -88,7 +88,7 @@ fields = click.option(
 def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of a `Run`.
 
-    The command receives one argument `run` instead of these options.
+    The command receives one argument `settings` instead of these options.
 
     Args:
         names: Names of the attributes of `Run` that have options.
@@ -100,8 +100,8 @@ def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., No
         @functools.wraps(command)
         def call(**arguments: Any) -> None:
             """Call the command with a `Run` made of its options."""
-            run = Run(**{name: arguments.pop(name) for name in names})
-            command(run=run, **arguments)
+            settings = Run(**{name: arguments.pop(name) for name in names})
+            command(settings=settings, **arguments)
 
         decorated: Callable[..., None] = call
         for name in reversed(names):

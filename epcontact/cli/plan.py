@@ -51,7 +51,7 @@ def plan(
     size: str | None,
     parts: tuple[str, ...],
     check: bool,
-    run: Run,
+    settings: Run,
 ) -> None:
     """Find the cheapest model of CASE whose contact area is within a tolerance.
 
@@ -75,7 +75,7 @@ def plan(
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
-        _check(loaded, chosen, run)
+        _check(loaded, chosen, settings)
 
 
 def _model(chosen: planning.Plan) -> str:
@@ -103,7 +103,7 @@ def _caveats(case: Case, chosen: planning.Plan) -> list[str]:
     return sentences
 
 
-def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
+def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
     """Run a plan and the finer grid that judges it; exit with 1 if its error is larger.
 
     Raises EpcontactError if a solve fails.
@@ -113,7 +113,7 @@ def _check(case: Case, chosen: planning.Plan, run: Run) -> None:
     finer = planning.finer_case(case, chosen)
     cases = [planned] if finer is None else [planned, finer]
     with TemporaryDirectory() as folder:
-        judged = verify(cases, run, size="auto", output=folder).cases
+        judged = verify(cases, settings, size="auto", output=folder).cases
     results = [each for case in judged for each in case.results.values()]
     errors = [error for each in results for error in each.errors]
     if errors:

@@ -13,6 +13,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+import epcontact
 from epcontact.cli import options, tables
 from epcontact.cli.main import discard_output, print_error
 from epcontact.cli.terminal import open_console, print_sentence
@@ -29,10 +30,10 @@ from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
-from epcontact.harness.verdict import verification as verifying
 from epcontact.harness.verdict.files import delete_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import overview, references
+from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.output.charts.figures import Pictures
 from epcontact.surfaces import HeightsFromFile, Mirrored
 
@@ -56,7 +57,7 @@ def run(
     case: str,
     methods: tuple[str, ...],
     size: str,
-    run: Run,
+    settings: Run,
     fields: str | None,
     charts: bool,
 ) -> None:
@@ -71,8 +72,8 @@ def run(
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
-    run = replace(run, fields=_fields_of_run(fields or "first"), rows=True)
-    with options.show_progress(run) as reporting:
+    settings = replace(settings, fields=_fields_of_run(fields or "first"), rows=True)
+    with options.show_progress(settings) as reporting:
         results = run_cases([chosen], reporting)[loaded.id]
     console = open_console()
     console.print(tables.results_table(results, console.width))
@@ -83,10 +84,10 @@ def run(
     if errors:
         raise EpcontactError(f"{loaded.id}: {'; '.join(errors)}")
     if charts:
-        _draw(chosen, results, run.folder)
+        _draw(chosen, results, settings.folder)
     if fields == "film":
-        _draw_films(chosen, run.folder)
-    click.echo(f"results in {chosen.folder(run.folder)}")
+        _draw_films(chosen, settings.folder)
+    click.echo(f"results in {chosen.folder(settings.folder)}")
 
 
 def _fields_of_run(fields: str) -> str:
@@ -126,7 +127,7 @@ def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> li
 def verify(
     cases: tuple[str, ...],
     size: str,
-    run: Run,
+    settings: Run,
     solver: str,
     with_report: bool,
     all_gates: bool,
@@ -146,13 +147,15 @@ def verify(
       --solver 'mine=./my_solver {scene} {result}'
     `python -m pydoc epcontact.harness.methods.foreign` describes them line by line.
     """
-    output = run.folder
+    output = settings.folder
     given: Sequence[str | Case] = cases
     if size == "auto":
+        # `epcontact.verify` deletes it too, but only after the sizes are chosen below,
+        # which takes long and may fail.
         delete_verdict(output)
         given = _load_auto(cases)
     fields = fields or ("first" if with_report else "none")
-    run = replace(run, fields=_fields_of_run(fields))
+    settings = replace(settings, fields=_fields_of_run(fields))
     if with_report:
         require_links_inside(output)  # the report would refuse them after all solves
 
@@ -171,14 +174,14 @@ def verify(
         by_status = sorted(judged, key=lambda case: case.status != "holds")
         return tables.cases_table(by_status[-lines:], width)
 
-    with options.show_progress(run, live_table) as reporting:
-        verdict = verifying.verify(
+    with options.show_progress(settings, live_table) as reporting:
+        verdict = epcontact.verify(
             given,
             reporting,
             size=size,
             solver=solver,
             finish=draw,
-            judged=judged.append,
+            on_case=judged.append,
         )
     try:
         _print_verdict(verdict, output, all_gates, with_report)
@@ -190,7 +193,7 @@ def verify(
 def _load_auto(names: Sequence[str]) -> list[Case]:
     """Return the named cases, or those of a bare verify, at size "auto"."""
     texts = [text for name in names for text in find_named(name)]
-    return [_load(text, "auto") for text in texts or verifying.cases_to_verify("fast")]
+    return [_load(text, "auto") for text in texts or cases_to_verify("fast")]
 
 
 #: The words for several cases of a status, where they differ from those for one.

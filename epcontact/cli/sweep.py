@@ -45,7 +45,7 @@ _REASONS = 5
     "--charts", is_flag=True, help="Draw the loads of the points, and each field."
 )
 def sweep(
-    case: str, size: str, run: Run, fields: str, among: str, charts: bool
+    case: str, size: str, settings: Run, fields: str, among: str, charts: bool
 ) -> None:
     """Solve CASE at every point of its table [sweep], here or on a cluster.
 
@@ -53,7 +53,7 @@ def sweep(
     any moment, and start it again to go on. `epcontact.harness.sweep.table(FOLDER)`
     reads them as a pandas table.
     """
-    with show_progress(replace(run, fields=fields)) as reporting:
+    with show_progress(replace(settings, fields=fields)) as reporting:
         swept = run_sweep(case, reporting, size=size, among=among)
     _print_points(swept)
     if charts:

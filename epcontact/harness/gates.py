@@ -1,4 +1,4 @@
-"""Gates: comparisons of two answers, or of an answer with a reference.
+"""Gates: comparisons of two results, or of a result with a reference.
 
 A gate compares one quantity a of a method with the reference b: the same quantity of
 another method, a closed form or a published number.  It judges their difference d by a
@@ -15,13 +15,14 @@ within its band, so an ensemble that is too small to decide does not pass.  Two
 ensembles over the same seeds are compared pair by pair.  A single surface has an
 interval of width 0.
 
-A corrected area, a stiffness and a conductance are estimates of a limit with a claimed
-error, which widens the interval as well, so that a gate does not hold if its answers
-are less sure than its band is wide.  Of two estimates of the same limit the smaller
-claim counts, because the better estimate bounds the error of the other; if both come
-from pressures at the same points, they share their error, and the difference of the
-claims counts.  A theory and a published number claim no error, so that the claim of the
-other side counts.  A closed form shows the true error, and no claim counts.
+A corrected area, a stiffness and a conductance are estimates of a limit with a error
+estimate, which widens the interval as well, so that a gate does not hold if its values
+are less certain than its band is wide.  If both sides estimate the same limit, the
+smaller error estimate counts, because the better value bounds the error of the other.
+If both follow from pressures at the same points, they share their error, and the
+difference of the error estimates counts.  A theory and a published number have no error
+estimate, so that the one of the other side counts.  Against a closed form the true
+error is seen, and no error estimate counts.
 """
 
 from __future__ import annotations
@@ -40,9 +41,8 @@ from epcontact.files import NAME_PATTERN
 from epcontact.results import APART, ContactResult, PressureDistribution, plain
 
 # --- means of ensembles
-# --------------------------------------------------------------------------
 
-
+#: Probability that the interval of a mean contains the true mean.
 CONFIDENCE = 0.95
 
 #: A float that is written to JSON as inf, -inf or nan where JSON has no number for it.
@@ -77,8 +77,10 @@ class Estimate(Record):
 
 
 def estimate(values: Sequence[float]) -> Estimate:
-    """Return the mean of independent values with its 95 % interval, of width 0 for one
-    value.
+    """Return the mean of independent values, in their unit, with its 95 % interval.
+
+    The interval is Student's; for a single value its width is 0.  At least one value is
+    needed.
     """
     array = np.asarray(values, dtype=float)
     half_width = student_half_width(standard_deviation(values), array.size)
@@ -88,42 +90,53 @@ def estimate(values: Sequence[float]) -> Estimate:
 
 
 def standard_deviation(values: Sequence[float]) -> float:
-    """Return the standard deviation of a single value, estimated from a sample; 0 for
-    one.
+    """Return the standard deviation of a sample, with the divisor n - 1.
+
+    A sample of one value has the standard deviation 0.0.
     """
     array = np.asarray(values, dtype=float)
     return float(array.std(ddof=1)) if array.size > 1 else 0.0
 
 
 def student_half_width(deviation: float, count: int) -> float:
-    """Return half of Student's 95 % interval of a mean of `count` values; 0 for one
-    value. `deviation` is the standard deviation of a single value.
+    """Return half the width of Student's 95 % interval of a mean.
+
+    Args:
+        deviation: the standard deviation of the sample; the result has its unit.
+        count: the number of values in the mean; for one value the result is 0.0.
     """
     if count == 1:
         return 0.0
-    from scipy.special import (
-        stdtrit,
-    )  # takes longer to load than a solve of one small surface
+    # This import takes longer than a solve of one small surface.
+    from scipy.special import stdtrit
 
     factor = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
     return factor * deviation / math.sqrt(count)
 
 
 # --- distances of fields and of distributions
-# ----------------------------------------------------
 
 
 def distance(
     norm: str, a: PressureDistribution, b: PressureDistribution, hardness: float
 ) -> float:
-    """Return the distance of a pressure distribution from another one, the reference.
+    """Return the dimensionless distance of two pressure distributions.
 
-    "wasserstein" is int |F_a - F_b| dsigma over the hardness (Pa) or, if that is
-    infinite, over the mean contact pressure of b, with F the distribution of the
-    pressure on the contact.  "supremum" is the largest |F_a - F_b| below the hardness
-    over the contact area of b, with F the share of the nominal area at pressures in (0,
-    sigma].  The tables are interpolated linearly, so that their pressures should be
-    close together.  Raises InvalidCase if there is no contact.
+    "wasserstein" is int |F_a - F_b| dsigma over the hardness or, if that is infinite,
+    over the mean contact pressure of b.  There F(sigma) is the fraction of the contact
+    area at pressures up to sigma.  "supremum" is the largest |F_a - F_b| below the
+    hardness, over the contact area of b.  There F(sigma) is the fraction of the nominal
+    area at pressures in (0, sigma].  The tables are interpolated linearly, so that
+    their pressures should be close together.
+
+    Args:
+        norm: "wasserstein" or "supremum".
+        a: the distribution that is judged.
+        b: the reference.
+        hardness: the largest contact pressure, in Pa; infinite: the body is elastic.
+
+    Raises:
+        InvalidCase: if one of the distributions has no contact.
     """
     total_a = float(a.cumulative[-1]) + a.plastic
     total_b = float(b.cumulative[-1]) + b.plastic
@@ -142,27 +155,35 @@ def distance(
 
 
 def carried_pressure(distribution: PressureDistribution) -> float:
-    """Return int sigma dF over the elastic contact, in Pa: its load per nominal
-    area.
+    """Return the load per nominal area that the elastic contact carries, in Pa.
+
+    It is int sigma dF(sigma) over a table of pressures sigma (Pa) and cumulative
+    fractions F of the nominal area, by the trapezoidal rule.
     """
     sigma, F = distribution.pressure, distribution.cumulative
     return float(np.sum(0.5 * (sigma[1:] + sigma[:-1]) * np.diff(F)))
 
 
 def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
-    """Return ||found - exact||_2/||exact||_2 for two fields on one grid."""
+    """Return ||found - exact||_2 / ||exact||_2, dimensionless.
+
+    Both are fields in one unit on one grid, arrays of one shape.
+    """
     return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The difference between two answers on the same grid.
+    """The difference between two results on the same grid.
 
-    `area` is the relative difference of the raw contact `areas`, `pressure` the L2 norm
-    of the difference of the nodal pressures over that of the second, `overlap` the
-    number of shared contact nodes over that of nodes in either contact (Jaccard index),
-    `wasserstein` the distance of the distributions, and `nodes` the number of nodes
-    that are in contact in one answer only.
+    Attributes:
+        area: relative difference of the raw contact areas from that of the second.
+        pressure: L2 norm of the difference of the pressures over that of the second.
+        overlap: number of points in both contacts over that of points in either contact
+            (Jaccard index).
+        wasserstein: distance of the distributions, see `distance`.
+        nodes: number of points that are in contact in one of the results only.
+        areas: both raw contact areas, as fractions of the nominal area.
     """
 
     area: float
@@ -173,14 +194,26 @@ class Difference:
     areas: tuple[float, float]
 
     def __str__(self) -> str:
+        """Return the differences of area and pressure, such as "area +0.10%, pressure
+        1.0e-03".
+        """
         return f"area {self.area:+.2%}, pressure {self.pressure:.1e}"
 
 
 def difference(
     first: ContactResult, second: ContactResult, hardness: float
 ) -> Difference:
-    """Return the difference of `first` from `second`; the hardness (Pa) scales their
-    distance. Raises InvalidScene if their grids differ.
+    """Return how far a result is from another one on the same grid.
+
+    Args:
+        first: a result with the fields pressure and state, and a distribution.
+        second: another one, the reference.
+        hardness: the largest contact pressure, in Pa; see `distance`.
+
+    Raises:
+        InvalidScene: if the grids differ.
+        InvalidCase: if one of the results has no contact.
+        KeyError: if one of them has no such field.
     """
     p, q = first.fields["pressure"], second.fields["pressure"]
     if p.shape != q.shape:
@@ -201,7 +234,6 @@ def difference(
 
 
 # --- gates
-# --------------------------------------------------------------------------------------
 
 
 Norm = Literal["relative", "absolute", "wasserstein", "supremum", "l2"]
@@ -218,10 +250,17 @@ ERROR: Literal["error"] = "error"
 
 @dataclass(frozen=True)
 class Gate:
-    """One comparison that must hold: the difference of `of` from `against` is in [low,
-    high]. `against` is a method, the name of a closed form, or a number with its
-    `source`; `because` is the reason for the width of the band, and `kind` says what a
-    number is, see `Kind`.
+    """One comparison that must hold: a difference must be in the band [low, high].
+
+    Attributes:
+        quantity: the name of the quantity that is compared.
+        of: the method that is judged.
+        against: a method, the name of a closed form, or a number.
+        norm: how the difference is measured, see `Norm` and the module.
+        low, high: the band, in the unit of the difference.
+        because: the reason for the width of the band.
+        source: where a number comes from.
+        kind: what a number is, see `Kind`; empty: it is not stated.
     """
 
     quantity: str
@@ -236,8 +275,12 @@ class Gate:
 
     @property
     def name(self) -> str:
-        """One line for tables and test reports."""
-        against = self.against if isinstance(self.against, str) else f"{self.against:g}"
+        """The gate in one line, such as "area.total.raw of bem against 0.1 (relative)",
+        for tables and test reports.
+        """
+        against = self.against
+        if not isinstance(against, str):
+            against = f"{against:g}"
         return f"{self.quantity} of {self.of} against {against} ({self.norm})"
 
 
@@ -283,9 +326,12 @@ class GateVerdict(Record):
 
     @property
     def margin(self) -> float:
-        """The band over the difference with its interval: 1 or more if it holds; nan if
-        unjudged. Both are measured from the middle of the band, which is 0 for a
-        distance.
+        """Half the width of the band over the largest difference in the interval.
+
+        The difference is measured from the middle of the band.  The middle is 0 for a
+        distance, which has no sign.  The margin is dimensionless: 1 or more if the gate
+        holds, infinite if the difference is exactly in the middle, and NaN if the gate
+        could not be judged.
         """
         if self.difference is None:
             return math.nan
@@ -295,12 +341,14 @@ class GateVerdict(Record):
         return (self.high - low) / 2 / used if used else math.inf
 
     def __str__(self) -> str:
-        """Return one line with the gate, its figures and its reason."""
+        """Return one line: the gate, its difference with interval, its band, the two
+        values and the reason of the band; or why the gate could not be judged.
+        """
         if self.value is None or self.reference is None or self.difference is None:
             return f"{self.name}: {self.error}"
-        grid = (
-            f" (of which {self.grid_error:.2g} is claimed)" if self.grid_error else ""
-        )
+        grid = ""
+        if self.grid_error:
+            grid = f" (of which {self.grid_error:.2g} is claimed)"
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
             f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "
@@ -309,49 +357,77 @@ class GateVerdict(Record):
         )
 
 
-def judge(
+def judge_values(
     gate: Gate,
     value: Sequence[float],
     reference: Sequence[float],
     paired: bool,
-    claim: float | None = None,
+    error_estimate: float | None = None,
 ) -> GateVerdict:
-    """Compare the values of a scalar, one for each surface, with those of its
-    reference.  `paired` values come from the same surfaces in the same order; others
-    are independent.  `claim` is the claimed error of limits that counts.
+    """Return the verdict on a gate whose norm is relative or absolute.
+
+    Args:
+        gate: the gate.
+        value: the values of the judged method, one for each surface, in the unit of the
+            quantity.
+        reference: those of the reference, in the same unit.
+        paired: whether both belong to the same surfaces in the same order; if not, they
+            are independent samples.
+        error_estimate: the error of the values' limit that widens the interval, in the
+            same unit; None: there is none.
+
+    Raises:
+        ValueError: if paired values are not equal in number.
     """
-    a, b = estimate(value), estimate(reference)
+    a = estimate(value)
+    b = estimate(reference)
     relative = gate.norm == "relative"
-    scale = (abs(b.mean) or math.inf) if relative else 1.0
+    scale = 1.0
+    if relative:
+        scale = abs(b.mean) or math.inf
     if paired:
         pairs = zip(value, reference, strict=True)
         difference = estimate([deviation(gate.norm, *pair) for pair in pairs])
     else:
-        # First order: the relative difference is (a - b)/b, so b's width counts times
-        # a/b.
+        # To first order, d = (a - b)/b changes by a/b times the relative change of b.
         slope = a.mean / scale if relative else 1.0
         half_width = math.hypot(a.half_width, slope * b.half_width) / scale
         mean = deviation(gate.norm, a.mean, b.mean)
         difference = Estimate(mean=mean, half_width_95=half_width, surfaces=0)
-    return _judged(gate, a, b, difference, None if claim is None else claim / scale)
+    if error_estimate is None:
+        return _verdict_on_difference(gate, a, b, difference)
+    return _verdict_on_difference(gate, a, b, difference, error_estimate / scale)
 
 
 def judge_distance(gate: Gate, distances: Sequence[float]) -> GateVerdict:
-    """Compare distances, one for each surface, with the gate's band; the reference is
-    0.
+    """Return the verdict on a gate whose difference is a distance.
+
+    Args:
+        gate: the gate, with the norm wasserstein, supremum or l2.
+        distances: from the reference, one for each surface, dimensionless.
     """
     difference = estimate(distances)
-    return _judged(gate, difference, estimate([0.0]), difference)
+    return _verdict_on_difference(gate, difference, estimate([0.0]), difference)
 
 
-def unjudged(gate: Gate, reason: str) -> GateVerdict:
-    """Return the verdict on a gate that could not be judged for the given reason."""
+def unjudged_verdict(gate: Gate, reason: str) -> GateVerdict:
+    """Return the verdict "error" on a gate that could not be judged.
+
+    `reason` is the sentence that says why.
+    """
     return GateVerdict(**vars(gate), name=gate.name, status=ERROR, error=reason)
 
 
 def deviation(norm: str, value: float, reference: float) -> float:
-    """Return the difference of a value from its reference by the norm relative or
-    absolute.
+    """Return the difference of a value from its reference.
+
+    Args:
+        norm: "absolute", for value - reference in the unit of both; or "relative", for
+            this difference over |reference|.
+        value, reference: two numbers in one unit.
+
+    If the reference is 0, the relative difference is 0 for a value of 0 and else
+    infinite, with the sign of the value.
     """
     if norm == "absolute":
         return value - reference
@@ -360,13 +436,25 @@ def deviation(norm: str, value: float, reference: float) -> float:
     return (value - reference) / abs(reference)
 
 
-def _judged(
+def _verdict_on_difference(
     gate: Gate,
     a: Estimate,
     b: Estimate,
     difference: Estimate,
     grid_error: float | None = None,
 ) -> GateVerdict:
+    """Return the verdict on a gate whose difference is known.
+
+    The gate holds if the complete interval of the difference is in its band.
+
+    Args:
+        gate: the gate.
+        a: the mean of the judged values over the surfaces.
+        b: the mean of the reference.
+        difference: their difference by the norm of the gate, with its interval.
+        grid_error: the error of the grid by the same norm, which is added to the half
+            width of the interval in quadrature; None: there is none.
+    """
     half = math.hypot(difference.half_width, grid_error or 0.0)
     # NaN compares false, so a difference that is NaN never holds.
     holds = gate.low <= difference.mean - half and difference.mean + half <= gate.high

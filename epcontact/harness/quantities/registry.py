@@ -106,7 +106,7 @@ def _measure_word(
     return measure(solved, word)
 
 
-def claim_of(name: str) -> str:
+def error_name_of(name: str) -> str:
     """Return the name of the error that a quantity claims (area.total.error), or ""."""
     error = f"{name.removesuffix('.corrected')}.error"
     return error if error in QUANTITIES else ""

@@ -15,7 +15,7 @@ from typing import get_args
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method, bytes_of_task
-from epcontact.harness.quantities.registry import QUANTITIES, claim_of
+from epcontact.harness.quantities.registry import QUANTITIES, error_name_of
 from epcontact.machine import available_cores, available_memory
 from epcontact.output.vtk import Precision
 from epcontact.scene import integer
@@ -156,7 +156,7 @@ class Task:
                 names.add(f"l2.{gate.against}.{gate.quantity.removeprefix('field.')}")
             elif gate.quantity in QUANTITIES and QUANTITIES[gate.quantity].measure:
                 names.add(gate.quantity)
-                names.add(claim_of(gate.quantity))
+                names.add(error_name_of(gate.quantity))
         return tuple(sorted(names - {""}))
 
     @property

@@ -1,7 +1,7 @@
-"""The verdict, and how a case is judged: every gate, on the answers of its methods.
+"""The verdict, and how a case is judged: every gate, on the results of its methods.
 
 A case *holds* if all its gates hold, *falls short* if one does not, is *skipped* if its
-surface or a solver is missing, and is in *error* if a method gave no answer that a gate
+surface or a solver is missing, and is in *error* if a method gave no result that a gate
 needs.
 
 `Verdict` and the classes of its parts are the schema of verdict.json (`epcontact schema
@@ -39,12 +39,12 @@ from epcontact.harness.gates import (
     Number,
     Record,
     distance,
-    judge,
     judge_distance,
-    unjudged,
+    judge_values,
+    unjudged_verdict,
 )
 from epcontact.harness.quantities.registry import (
-    claim_of,
+    error_name_of,
     read_quantity,
     scalar_quantities,
 )
@@ -99,8 +99,9 @@ class CaseVerdict(Record):
 
     @property
     def case(self) -> Case:
-        """The case that was judged.  Raises InvalidCase if this was read from a
-        file.
+        """The case that was judged.
+
+        Raises InvalidCase if this verdict was read from a file, which holds no case.
         """
         if self._case is None:
             raise InvalidCase(
@@ -110,21 +111,25 @@ class CaseVerdict(Record):
 
     @property
     def results(self) -> Mapping[str, MethodResults]:
-        """The results of each method; empty if this was read from a file or skipped."""
+        """The results of each method of the case by its name; empty if this verdict was
+        read from a file or the case was skipped.
+        """
         return self._results
 
     @property
     def unread_errors(self) -> list[str]:
-        """The errors of methods that no gate reads; they make the case an error as
-        well.
+        """The error sentences of those methods of the case that no gate reads.
+
+        They make the status of the case "error", as the errors of the others do.
         """
-        read = {name for gate in self.gates for name in (gate.of, gate.against)}
-        return [
-            e
-            for name, entry in self.methods.items()
-            if name not in read
-            for e in entry.errors
-        ]
+        read: set[str | float] = set()
+        for gate in self.gates:
+            read.update((gate.of, gate.against))
+        errors = []
+        for name, entry in self.methods.items():
+            if name not in read:
+                errors += entry.errors
+        return errors
 
 
 class Verdict(Record):
@@ -177,8 +182,16 @@ class Verdict(Record):
 
     @classmethod
     def _with_safe_names(cls, content: dict[str, Any], file: Path) -> Verdict:
-        """Return the verdict that a file holds.  Raises OutputError if a name is none
-        of a file, and ValidationError if the content is no verdict.
+        """Return the verdict that a verdict.json holds.
+
+        Args:
+            content: the content of the file.
+            file: its path, for messages.
+
+        Raises:
+            OutputError: if the id of a case, a size, a method or a surface cannot be
+                the name of a file, such as "../x": paths are made of these names.
+            ValidationError: if the content is no verdict in another way.
         """
         try:
             return cls.model_validate(content)
@@ -195,14 +208,14 @@ class Verdict(Record):
 
     @property
     def content(self) -> dict[str, Any]:
-        """What verdict.json holds."""
+        """The content of verdict.json as plain data, ready for JSON."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     @classmethod
     def on(
         cls, cases: Sequence[CaseVerdict], size: str, made: RunInfo | None = None
     ) -> Verdict:
-        """Return the verdict on cases.
+        """Return the verdict on all cases together.
 
         Its exit code is 0 if all gates hold, 1 if one falls short, 2 on an error.
 
@@ -229,9 +242,11 @@ class Verdict(Record):
 
 
 def _versions(cases: Sequence[CaseVerdict]) -> dict[str, str]:
-    """Return the versions of the packages that made the results, by their names.
+    """Return the versions of the software packages that computed the results of cases.
 
-    A package may have several: results may be reused that an older version made.
+    Returns:
+        By the name of each package its versions, joined by commas.  There are several
+        if results were reused that an older version computed.  Empty without results.
     """
     used: dict[str, set[str]] = defaultdict(set)
     for case in cases:
@@ -243,56 +258,74 @@ def _versions(cases: Sequence[CaseVerdict]) -> dict[str, str]:
 
 
 def tightest(gates: Iterable[GateVerdict]) -> GateVerdict | None:
-    """Return the gate that could not be judged or is nearest to its band's end; None if
-    no gate.
+    """Return the gate that is nearest to the end of its band; None without gates.
+
+    A gate that could not be judged comes before all others.
     """
-    return min(
-        gates, key=lambda gate: (not math.isnan(gate.margin), gate.margin), default=None
-    )
+
+    def tightness(gate: GateVerdict) -> tuple[bool, float]:
+        """Return a key that sorts gates without a margin first, then by margin."""
+        return not math.isnan(gate.margin), gate.margin
+
+    return min(gates, key=tightness, default=None)
 
 
 def judge_case(case: Case, results: Mapping[str, MethodResults]) -> CaseVerdict:
-    """Judge every gate of a case.
+    """Return the verdict on a case, with a verdict on each of its gates.
 
     Args:
-        case: the case; a skipped one is not judged.
-        results: the results of its methods, by their names.
+        case: the case.  If it must be skipped, its verdict has no gates.
+        results: the results of each of its methods, by the methods' names.
     """
+    gates: list[GateVerdict] = []
+    status: Literal["holds", "falls short", "error", "skipped"] = SKIPPED
     if case.skip:
         results = {}
-    gates = (
-        [] if case.skip else [_judge_gate(case, gate, results) for gate in case.gates]
-    )
-    judged = CaseVerdict(
+    else:
+        gates = [_gate_verdict(case, gate, results) for gate in case.gates]
+        status = _worst_status(gates, results)
+    verdict = CaseVerdict(
         id=case.id,
         family=case_name(case.path),
         size=case.size,
         scene=_digest_of_scenes(results),
-        status=SKIPPED if case.skip else _worst_status(gates, results),
+        status=status,
         requirement=case.head.requirement,
         source=case.head.source,
         skipped_because=case.skip,
-        methods={name: _entry(of_method) for name, of_method in results.items()},
+        methods={name: _method_entry(found) for name, found in results.items()},
         gates=gates,
         not_judged=list(case.not_judged),
     )
-    judged._case = case
-    judged._results = results
-    return judged
+    verdict._case = case
+    verdict._results = results
+    return verdict
 
 
 def _worst_status(
     gates: Sequence[GateVerdict], results: Mapping[str, MethodResults]
 ) -> Literal["holds", "falls short", "error"]:
-    """Return the status of a case; the error of a method that no gate reads counts."""
+    """Return the status of a case: the worst of its gates.
+
+    It is "error" also if a method failed on a surface, whether or not a gate reads this
+    method.
+
+    Args:
+        gates: the verdicts on all gates of the case.
+        results: the results of its methods, by the methods' names.
+    """
     statuses = {gate.status for gate in gates}
     if ERROR in statuses or any(of_method.errors for of_method in results.values()):
         return ERROR
     return FALLS_SHORT if FALLS_SHORT in statuses else HOLDS
 
 
-def _entry(results: MethodResults) -> MethodEntry:
-    """Return the work of a method: seconds by surface, counts summed over surfaces."""
+def _method_entry(results: MethodResults) -> MethodEntry:
+    """Return what verdict.json says of a method of a case.
+
+    This is the number of its results, its errors, the seconds of each solve by surface,
+    and the counts of its work (FFT pairs, iterations, unknowns) summed over surfaces.
+    """
     seconds = {}
     counts: dict[str, list[float]] = defaultdict(list)
     for label, result in zip(results.labels, results.results, strict=True):
@@ -311,7 +344,9 @@ def _entry(results: MethodResults) -> MethodEntry:
 
 
 def _digest_of_scenes(results: Mapping[str, MethodResults]) -> str:
-    """Return the SHA-256 of the scenes that were solved; "" if none was."""
+    """Return the SHA-256 of the sorted digests of all scenes that a case's methods
+    solved; "" if no scene was solved.
+    """
     scenes = {
         result.provenance.scene
         for of_method in results.values()
@@ -322,46 +357,73 @@ def _digest_of_scenes(results: Mapping[str, MethodResults]) -> str:
     return hashlib.sha256(" ".join(sorted(scenes)).encode()).hexdigest()
 
 
-def _judge_gate(
+def _gate_verdict(
     case: Case, gate: Gate, results: Mapping[str, MethodResults]
 ) -> GateVerdict:
-    """Return the verdict on a gate, with the kind of its reference and its subject."""
-    return _judged(case, gate, results).model_copy(
+    """Return the verdict on a gate, with the kind of its reference and its subject.
+
+    Args:
+        case: the case of the gate.
+        gate: the gate.
+        results: the results of each method of the case, by the methods' names.
+    """
+    return _verdict_or_error(case, gate, results).model_copy(
         update={"kind": kind_of(case, gate), "subject": subject_of(case, gate)}
     )
 
 
-def _judged(
+def _verdict_or_error(
     case: Case, gate: Gate, results: Mapping[str, MethodResults]
 ) -> GateVerdict:
+    """Return the verdict on a gate.
+
+    Its status is "error" if a method of the gate failed on a surface, if a method gave
+    two surfaces of an ensemble the same result, or if the quantity or the closed form
+    raised an error.
+
+    Args:
+        case: the case of the gate.
+        gate: the gate.
+        results: the results of each method of the case, by the methods' names.
+    """
     of = results[gate.of]
     against = results.get(str(gate.against))
     sides = [side for side in (of, against) if side is not None]
     errors = [sentence for side in sides for sentence in side.errors]
     if errors:
-        return unjudged(gate, _joined(errors))
+        return unjudged_verdict(gate, _join_by_reason(errors))
     for side in sides:
         equal = side.equal_surfaces
         if equal is not None:
             method = side.results[0].method
-            return unjudged(
+            return unjudged_verdict(
                 gate,
                 f"{method} gives the surfaces {' and '.join(equal)} the same answer, "
                 "so that the scatter of the ensemble says nothing; give it different "
                 "surfaces",
             )
     try:
-        return _compared(case, gate, of, against)
-    except Exception as error:  # of a closed form, too, in numbers that it cannot hold
-        return unjudged(gate, sentence_of(error))
+        return _verdict_by_norm(case, gate, of, against)
+    except Exception as error:  # a closed form may overflow or divide by zero, too
+        return unjudged_verdict(gate, sentence_of(error))
 
 
-def _compared(
+def _verdict_by_norm(
     case: Case, gate: Gate, of: MethodResults, against: MethodResults | None
 ) -> GateVerdict:
-    """Return the verdict on a gate by its norm.
+    """Compare the two sides of a gate by its norm, and return the verdict.
 
-    Raises whatever the quantity or the closed form raises.
+    Args:
+        case: the case of the gate.
+        gate: the gate.
+        of: the results of the method that is judged.
+        against: the results of the reference method; None: the reference is a closed
+            form or a number.
+
+    Raises:
+        InvalidCase: if a result lacks the quantity.
+        EpcontactError: if pressure distributions cannot be compared.
+        Exception: whatever the closed form raises.
     """
     if gate.norm in DISTRIBUTION_NORMS:
         return judge_distance(gate, _distances(case, gate, of, against))
@@ -372,29 +434,48 @@ def _compared(
     references = _references(case, gate, against)
     paired = against is not None and len(values) > 1 and of.labels == against.labels
     sides = [of] if against is None else [of, against]
-    judged = judge(gate, values, references, paired, _claim(gate, sides))
-    return judged.model_copy(
+    error = _counted_error(gate, sides)
+    verdict = judge_values(gate, values, references, paired, error)
+    return verdict.model_copy(
         update={
-            "value": _with_claim(gate, judged.value, of),
-            "reference": _with_claim(gate, judged.reference, against),
+            "value": _with_error_estimate(gate, verdict.value, of),
+            "reference": _with_error_estimate(gate, verdict.reference, against),
         }
     )
 
 
 def _read(results: MethodResults, name: str) -> list[float]:
-    """Return a quantity of the last load of each surface.  Raises InvalidCase."""
+    """Return the value of a quantity at the last load, for each surface in order.
+
+    Args:
+        results: the results of one method.
+        name: the name of the quantity in gates, such as "area.total.corrected".
+
+    Raises:
+        InvalidCase: if a result does not have the quantity.
+    """
     return [read_quantity(result, name) for result in results.results]
 
 
 def _mean_if_reported(results: MethodResults, name: str) -> float | None:
-    """Return the mean of a quantity over the surfaces; None if one does not have it."""
+    """Return the mean over the surfaces of a quantity at the last load.
+
+    Returns None if the method does not report the quantity for every surface.
+    """
     if all(name in scalar_quantities(result) for result in results.results):
         return fmean(_read(results, name))
     return None
 
 
 def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[float]:
-    """Return the values of the reference: of a method, a closed form, or the number."""
+    """Return the values of a gate's reference, in the unit of its quantity.
+
+    There is one value for each surface of the method `against`.  If that is None, there
+    is a single value: that of the closed form or the number that the gate names.
+
+    Raises InvalidCase if a result does not have the quantity, or whatever the closed
+    form raises.
+    """
     if against is not None:
         return _read(against, gate.quantity)
     if isinstance(gate.against, str):
@@ -403,17 +484,27 @@ def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[f
     return [gate.against]
 
 
-def _with_claim(
+def _with_error_estimate(
     gate: Gate, mean: Estimate | None, results: MethodResults | None
 ) -> Estimate | None:
-    """Return a mean with the mean of the error estimates of its values, if any."""
-    error = claim_of(gate.quantity)
-    if mean is None or results is None or not error:
+    """Return a mean together with the mean of the error estimates of its values.
+
+    Args:
+        gate: names the quantity.
+        mean: the mean of the quantity over the surfaces of a method.
+        results: the results of this method; None: the mean is no method's.
+
+    Returns:
+        A copy of `mean` with `claimed_error`; `mean` itself, if the method does not
+        report an error estimate of the quantity.
+    """
+    error_name = error_name_of(gate.quantity)
+    if mean is None or results is None or not error_name:
         return mean
-    claim = _mean_if_reported(results, error)
-    if claim is None:
+    error = _mean_if_reported(results, error_name)
+    if error is None:
         return mean
-    return mean.model_copy(update={"claimed_error": _infinite_if_nan(claim)})
+    return mean.model_copy(update={"claimed_error": _infinite_if_nan(error)})
 
 
 def _infinite_if_nan(error: float) -> float:
@@ -421,8 +512,13 @@ def _infinite_if_nan(error: float) -> float:
     return math.inf if math.isnan(error) else error
 
 
-def _claim(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
-    """Return the error estimate that counts in a difference of limits; see `gates`.
+def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
+    """Return the error estimate by which a gate widens the interval of its difference.
+
+    Corrected areas, stiffnesses and conductances are extrapolated to a vanishing grid
+    spacing, and methods report an error estimate for each.  The module `gates` says
+    which of the two sides' estimates counts.  The error that an uncertain hardness or
+    the treatment of a measured map causes is added, if only one side has it.
 
     Args:
         gate: the gate.
@@ -431,25 +527,25 @@ def _claim(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
     Returns:
         The error, in the unit of the quantity; None if no error estimate counts.
     """
-    error = claim_of(gate.quantity)
+    error_name = error_name_of(gate.quantity)
     against_closed_form = isinstance(gate.against, str) and len(sides) == 1
-    if not error or against_closed_form:
+    if not error_name or against_closed_form:
         return None
-    claims = []
+    errors = []
     for side in sides:
-        claim = _mean_if_reported(side, error)
-        if claim:  # a theory has no grid and reports 0, which is no error estimate
-            claims.append(_infinite_if_nan(claim))
-    total = min(claims, default=None)
+        error = _mean_if_reported(side, error_name)
+        if error:  # a theory has no grid and reports 0, which is no error estimate
+            errors.append(_infinite_if_nan(error))
+    total = min(errors, default=None)
     on_same_points = all(_is_of_points(side) for side in sides)
-    if len(claims) == 2 and math.inf not in claims and on_same_points:
-        total = abs(claims[0] - claims[1])
+    if len(errors) == 2 and math.inf not in errors and on_same_points:
+        total = abs(errors[0] - errors[1])
     for source in ("hardness", "treatment"):
-        part = error.replace(".error", f".{source}_error")
+        name = error_name.replace(".error", f".{source}_error")
         if gate.quantity.startswith("quantity."):
-            part = f"{gate.quantity}_error_by_{source}"
-        parts = [_mean_if_reported(side, part) for side in sides]
-        reported = [value for value in parts if value is not None]
+            name = f"{gate.quantity}_error_by_{source}"
+        by_source = [_mean_if_reported(side, name) for side in sides]
+        reported = [error for error in by_source if error is not None]
         # Two results on one map, or under one effective hardness, share this error.
         if len(reported) == 1:
             total = math.hypot(total or 0.0, reported[0])
@@ -457,10 +553,10 @@ def _claim(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
 
 
 def _is_of_points(results: MethodResults) -> bool:
-    """Return whether the areas follow from pressures at the points of the surface.
+    """Return whether a method's areas are counts of pressures at the surface's points.
 
-    The errors of boundary elements and of all solvers from outside are those of one
-    grid, and not independent.
+    This is so for the boundary elements and for all solvers from outside the package.
+    Their errors come from the same grid, so that they are not independent.
     """
     return all(
         result.method == "bem" or "solver" in result.provenance.options
@@ -468,9 +564,11 @@ def _is_of_points(results: MethodResults) -> bool:
     )
 
 
-def _joined(sentences: Sequence[str]) -> str:
-    """Join sentences "method, surface: reason" in one line that states each reason
-    once.
+def _join_by_reason(sentences: Sequence[str]) -> str:
+    """Join error sentences in one line that states each reason once.
+
+    The sentences have the form "method, surface: reason".  Several with one reason
+    become "bem, seed1 and 2 more: not converged".
     """
     by_reason: dict[str, list[str]] = defaultdict(list)
     for sentence in dict.fromkeys(sentences):
@@ -486,8 +584,20 @@ def _joined(sentences: Sequence[str]) -> str:
 def _distances(
     case: Case, gate: Gate, of: MethodResults, against: MethodResults | None
 ) -> list[float]:
-    """Return the distance of the pressure distribution of each surface from its
-    reference.
+    """Return how far the pressure distribution of each surface is from its reference.
+
+    The distance is dimensionless, by the norm of the gate (see `gates.distance`).
+
+    Args:
+        case: gives the scene of a closed form and the hardness.
+        gate: names the norm and the reference.
+        of: the results of the method that is judged.
+        against: the results of the reference method, of one surface or of as many as
+            `of` has; None: the reference is the closed form that the gate names.
+
+    Raises:
+        EpcontactError: if the numbers of surfaces differ, or if a method reports no
+            pressure distribution.
     """
     references: list[PressureDistribution | None]
     if against is None:

@@ -37,7 +37,7 @@ def verify(
     size: str = "fast",
     solver: str = "",
     finish: Callable[[Verdict], None] = _ignore,
-    judged: Callable[[CaseVerdict], None] = _ignore,
+    on_case: Callable[[CaseVerdict], None] = _ignore,
     **options: Any,
 ) -> Verdict:
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
@@ -56,7 +56,7 @@ def verify(
             gate, under its own name.
         finish: called with the verdict after its files are written; if it raises, they
             are deleted.
-        judged: called with each case as soon as all its solves are done.
+        on_case: called with the verdict on each case as soon as it is judged.
 
     Returns:
         The verdict.  `verdict.cases[i].results` holds the results in memory.
@@ -81,7 +81,7 @@ def verify(
     with contextlib.closing(solve_cases(loaded, run, methods)) as solving:
         for case, results in solving:
             verdicts[case.id] = judge_case(case, results)
-            judged(verdicts[case.id])
+            on_case(verdicts[case.id])
     verdict = Verdict.on([verdicts[case.id] for case in loaded], size, made)
     write_verdict(verdict, run.folder)
     try:
