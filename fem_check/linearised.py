@@ -81,10 +81,14 @@ class Tangent:
         return min(layer + 3, all_levels)
 
     def levels_with(self, R: FloatArray, norm_below: float) -> int:
-        """Return the number of levels that a linear solve needs.
+        """Return the number of upper levels that a linear solve needs.
 
-        Below them nothing flows, and the norm of the reaction R (levels, nx, ny, 3) is
-        at most `norm_below`, in N.
+        Below these levels no element flows, and the norm of the reaction is at most
+        `norm_below`.
+
+        Args:
+            R: (levels, nx, ny, 3) reaction (residual force and contact force), in N.
+            norm_below: in N.
         """
         below = 0.0
         for level in range(len(R) - 1, self.levels - 1, -1):
@@ -102,19 +106,24 @@ class Tangent:
 
     @cached_property
     def rows(self) -> FlowRows:
-        """The matrix rows of the flowing nodes."""
+        """The tangent's matrix rows of the flowing nodes, for Gauss-Seidel sweeps.
+
+        They need a correction: the body must flow somewhere.
+        """
         assert self.correction is not None
         return assemble_rows(self.problem, self.correction, 1 - self.blend)
 
     def excess(self, v: FloatArray, elastic: FloatArray) -> FloatArray:
-        """Return the stiffness times v, less the elastic product with the flat block.
+        """Return the frozen body's stiffness times v, beyond that of the flat block.
 
         Args:
-            v: (levels, nx, ny, 3) unknown displacements, in m.
-            elastic: the elastic stiffness of the flat block times v, in N.
+            v: (levels, nx, ny, 3) unknown displacements, in m, which the stiffness
+                multiplies.
+            elastic: (levels, nx, ny, 3) elastic stiffness of the flat block times v, in
+                N.
 
         Returns:
-            (levels, nx, ny, 3) in N.
+            (levels, nx, ny, 3) forces in N, with zeros where the base holds the nodes.
         """
         problem = self.problem
         excess = np.zeros_like(v)
@@ -158,15 +167,15 @@ def linear_contact(
     forcing: float,
     max_sweeps: int = 12,
 ) -> tuple[LinearSolution, Counts]:
-    """Solve the contact problem of the frozen body.
+    """Solve the contact problem of a body with a frozen tangent.
 
     Args:
-        state: at which the tangent was computed.
+        state: state at which the tangent was computed.
         R: (nz + 1, nx, ny, 3) reaction of the state, in N.
         tangent: of the frozen body.
-        control: what is prescribed.
+        control: prescribed load or approach.
         forcing: factor by which each solve reduces the residual.
-        max_sweeps: largest number of contact sets.
+        max_sweeps: largest number of contact sets that are tried.
 
     Returns:
         The solution, whose step reaches the base, and the numbers of iterations.
@@ -192,7 +201,17 @@ def linear_contact(
 
 
 def _to_base(problem: Problem, step: FloatArray) -> FloatArray:
-    """Continue a step on the upper levels to the base; no force acts in between."""
+    """Return a step on all levels down to the base, from a step on the upper levels.
+
+    No force acts below the upper levels.
+
+    Args:
+        problem: the finite-element problem, with nz + 1 levels.
+        step: (levels, nx, ny, 3) displacements of the upper levels, in m.
+
+    Returns:
+        (nz + 1, nx, ny, 3) displacements in m; `step` itself if it has all levels.
+    """
     levels = len(step)
     if levels == len(problem.block.layers) + 1:
         return step
@@ -210,11 +229,21 @@ def _elastic_solve(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Solve the elastic contact problem K z = force - contact forces, on a contact set.
 
-    The contact nodes move down by `target` (nx, ny) plus the approach; `load`,
-    `tolerance` and `start` are those of `solve_contact_forces`.
+    Args:
+        problem: the finite-element problem, whose elastic flat block has the stiffness
+            K.
+        force: (levels, nx, ny, 3) on the upper levels, in N.
+        states: (nx, ny); ELASTIC nodes are in the contact set.
+        target: (nx, ny) displacement in m by which the contact nodes move down, less
+            the approach.
+        load: sum of the contact forces, in N; None: the approach is 0.
+        tolerance: factor by which the residual is reduced.
+        start: (nx, ny) first guess of the contact forces in N; None: no forces.
 
-    Returns z (levels, nx, ny, 3) in m, the contact forces (nx, ny) in N and the
-    approach in m.
+    Returns:
+        z: (levels, nx, ny, 3) displacements, in m.
+        contact_forces: (nx, ny) downward, in N.
+        approach: in m.
     """
     spectrum = eliminate(problem.factor, force)
     descent = top_descent(problem.factor, spectrum)
@@ -237,18 +266,18 @@ def precondition(
     missing: float | None,
     states: States,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Apply the preconditioner to a residual.
+    """Apply the preconditioner to a residual, and the tangent to the result.
 
     Args:
         tangent: of the frozen body.
         smoother: sweeps before and after the elastic solve; None: no sweeps.
-        R: (levels, nx, ny, 3) reaction, in N.
+        R: (levels, nx, ny, 3) reaction (residual force and contact force), in N.
         missing: load that is missing, in N; None: the approach is prescribed.
         states: (nx, ny) contact states.
 
     Returns:
         z: (levels, nx, ny, 3) preconditioned residual, in m.
-        stiff: the tangent times z, in N.
+        stiff: (levels, nx, ny, 3) the tangent times z, in N.
         approach: that belongs to z, in m.
     """
     problem = tangent.problem
@@ -284,9 +313,17 @@ def _solve_on_set(
     control: Control,
     goal: float,
 ) -> int:
-    """Solve on the present contact set, in place, to a residual of `goal` in N.
+    """Solve the linear problem on the present contact set; change `linear` in place.
 
-    Returns the number of iterations.
+    Args:
+        state: state at which the tangent was computed.
+        linear: present solution, whose step, reaction and approach are updated.
+        tangent: of the frozen body.
+        control: prescribed load or approach.
+        goal: norm of the residual that suffices, in N.
+
+    Returns:
+        The number of iterations, one elastic solve included.
     """
     problem = tangent.problem
     states = linear.states
@@ -316,9 +353,18 @@ def _solve_on_set(
 def _conjugate_gradients(
     linear: LinearSolution, tangent: Tangent, control: Control, goal: float
 ) -> int:
-    """Iterate on the levels that flow, in place, to a residual of `goal` in N.
+    """Iterate on the levels that flow; `linear` is changed in place.
 
-    Returns the number of iterations.
+    It ends without an error after `MAX_ITERATIONS` (400).
+
+    Args:
+        linear: present solution, whose step, reaction and approach are updated.
+        tangent: of the frozen body.
+        control: prescribed load or approach.
+        goal: norm of the residual that suffices, in N.
+
+    Returns:
+        The number of iterations.
     """
     problem = tangent.problem
     workers = problem.workers
@@ -367,7 +413,17 @@ def _conjugate_gradients(
 def _update_states(
     problem: Problem, state: State, linear: LinearSolution, control: Control
 ) -> int:
-    """Give the solution its predicted contact states, and return how many change."""
+    """Give the linear solution its predicted contact states, in place.
+
+    Args:
+        problem: the finite-element problem.
+        state: state at which the tangent was computed.
+        linear: the solution; its states and reaction are updated.
+        control: prescribed load or approach.
+
+    Returns:
+        The number of nodes whose state changes.
+    """
     R = linear.reaction
     states = linear.states
     forces = problem.contact_forces(states, R[0, ..., 2])

@@ -57,12 +57,15 @@ class PeriodicBlock:
 
     @property
     def depth(self) -> float:
-        """Distance from the flat top to the base, in m."""
+        """Distance from the block's flat top to its base, in m."""
         return float(np.sum(self.layers))
 
     @property
     def node_area(self) -> float:
-        """Nominal area of a top node, in m^2; a line has the width hy."""
+        """Nominal area of a top node of the block, in m^2.
+
+        A line, with one node along y, has the width hy.
+        """
         return self.spacing[0] * self.spacing[1]
 
     @property
@@ -72,11 +75,15 @@ class PeriodicBlock:
 
     @property
     def field_shape(self) -> tuple[int, int, int, int]:
-        """Shape of a displacement field: (nz + 1, nx, ny, 3)."""
+        """Shape of a displacement field of the block: (nz + 1, nx, ny, 3)."""
         return (len(self.layers) + 1, *self.shape, 3)
 
     def positions(self) -> FloatArray:
-        """Return the (nz + 1, nx, ny, 3) undeformed positions of the nodes, in m."""
+        """Return the undeformed positions of the block's nodes, in m.
+
+        They are (nz + 1, nx, ny, 3): level from the top, node along x and y, and x, y,
+        z.
+        """
         nx, ny = self.shape
         positions = np.empty(self.field_shape)
         positions[..., 0] = (np.arange(nx) * self.spacing[0])[:, None]
@@ -90,7 +97,11 @@ class PeriodicBlock:
 
 
 def connectivity(block: PeriodicBlock) -> NDArray[np.int32]:
-    """Return (elements, 8) node numbers; the elements are ordered [layer, x, y]."""
+    """Return (nz nx ny, 8) node numbers of the block's elements.
+
+    Elements are ordered [layer, x, y]; the corners of an element have the order of
+    CORNERS. The last elements along x and y join the first nodes.
+    """
     nx, ny = block.shape
     nz = len(block.layers)
     k, i, j = np.ogrid[:nz, :nx, :ny]
@@ -110,6 +121,9 @@ def flat_elements(block: PeriodicBlock) -> Elements:
 
 def moved_elements(block: PeriodicBlock) -> Elements:
     """Return the elements of a block with a moved top, each with its own shape.
+
+    Args:
+        block: the block, with heights to which the top nodes are moved.
 
     Raises:
         InvalidScene: the top is so rough that an element is turned inside out.
@@ -144,7 +158,7 @@ def half_space_depth(
     nu = poisson_ratio
 
     def difference(t: float) -> float:
-        """Relative difference at t = q d."""
+        """Return the relative difference of the compliances at t = q d."""
         c = (3 - 4 * nu) * math.cosh(2 * t) + 2 * t * t + 5 - 12 * nu + 8 * nu * nu
         return abs(((3 - 4 * nu) * math.sinh(2 * t) - 2 * t) / c - 1)
 
@@ -158,7 +172,11 @@ def _bisect(
 ) -> float:
     """Return the upper end of an interval after `times` bisections.
 
-    `is_below` says whether a value is below the point that is sought.
+    Args:
+        is_below: returns whether a value is below the point that is sought.
+        low: lower end of the interval, at or below the point.
+        high: upper end of the interval.
+        times: number of bisections.
     """
     for _ in range(times):
         middle = (low + high) / 2
@@ -170,12 +188,13 @@ def _bisect(
 
 
 def graded_layers(depth: float, first: float, count: int | None = None) -> FloatArray:
-    """Return thicknesses of layers that form a geometric series, in m.
+    """Return thicknesses of layers that form a geometric series, in m, from the top.
 
     Args:
         depth: their sum, in m.
         first: thickness of the first layer, in m, which is met approximately.
-        count: number of layers; None: the fewest whose ratio is at most `GROWTH`.
+        count: number of layers; None: the fewest, at least two, whose ratio is at most
+            `GROWTH` (1.2).
     """
     if count is None:
         fewest = math.log1p((GROWTH - 1) * depth / first) / math.log(GROWTH)
@@ -185,7 +204,12 @@ def graded_layers(depth: float, first: float, count: int | None = None) -> Float
 
 
 def _ratio(total: float, count: int) -> float:
-    """Return the ratio r >= 1 with 1 + r + ... + r^(count - 1) = total."""
+    """Return the ratio r >= 1 with 1 + r + ... + r^(count - 1) = total.
+
+    Args:
+        total: of the series, dimensionless.
+        count: number of its terms; if it is at least the total, the ratio is 1.
+    """
     if count >= total:
         return 1.0
     # The last term r^(count - 1) is below the total, which bounds r.
@@ -194,7 +218,14 @@ def _ratio(total: float, count: int) -> float:
 
 
 def block_for(scene: Scene, options: FemOptions) -> PeriodicBlock:
-    """Return the block for a scene.
+    """Return the periodic block of elements for a scene.
+
+    A half-space is replaced by a block that is deep enough.  A layer has its own depth.
+    A line gets one node along y, with the spacing of x.
+
+    Args:
+        scene: the surface, the material and the body.
+        options: depth, number of layers, thickness of the first layer, and geometry.
 
     Raises:
         InvalidScene: the depth of the options is not that of the scene's layer.
@@ -287,7 +318,15 @@ def bytes_needed(
 def _expected_flow(
     scene: Scene, block: PeriodicBlock, rms_slope: float | None
 ) -> FloatArray:
-    """Return `flowing_fractions` at the largest load of a scene."""
+    """Return the (nz,) fractions of the layers' elements that flow at the largest load.
+
+    They are an estimate, between 0 and 1.
+
+    Args:
+        scene: with a finite yield stress, and with its load path.
+        block: the block for the scene, with nz layers.
+        rms_slope: rms slope of the surface that is assumed; None: that of the surface.
+    """
     material = scene.material
     yield_stress = material.yield_stress
     modulus = material.young_modulus / (1 - material.poisson_ratio**2)
@@ -302,18 +341,19 @@ def flowing_fractions(
 ) -> FloatArray:
     """Estimate the fraction of each layer's elements that flow.
 
-    At the surface it is 0.6 times mean_pressure/yield_stress at a severity of 5, and
-    1.2 times at 50.  It falls to zero at a depth that grows with the load and with the
-    spacing.  tests/test_fem_solve.py compares it with solves.
+    The severity is the ratio of the elastic pressure scale E* xi to the yield stress.
+    At the surface the fraction is 0.6 times mean_pressure/yield_stress at a severity of
+    5, and 1.2 times at 50.  It falls to zero at a depth that grows with the load and
+    with the spacing.  tests/test_fem_solve.py compares it with solves.
 
     Args:
-        block: the block.
+        block: the block, with nz layers.
         mean_pressure: largest mean pressure of the path, in Pa.
-        yield_stress: in Pa.
-        severity: E* xi/sigma_Y with the rms slope xi.
+        yield_stress: in uniaxial tension, in Pa.
+        severity: E* xi/sigma_Y with the effective modulus E* and the rms slope xi.
 
     Returns:
-        (nz,) fractions from 0 to 1.
+        (nz,) fractions from 0 to 1, from the top layer down.
     """
     load = mean_pressure / yield_stress
     steepness = min(max(severity / 5, 1.0), 10.0)
@@ -328,8 +368,13 @@ def flowing_fractions(
 def require_memory(scene: Scene, options: FemOptions, block: PeriodicBlock) -> None:
     """Check, before any array is allocated, that a solve fits into the free memory.
 
+    Args:
+        scene: the surface, the material and the load path.
+        options: of the solve.
+        block: the block for the scene.
+
     Raises:
-        NotEnoughMemory: it does not.
+        NotEnoughMemory: the estimated memory of the solve is more than the free memory.
     """
     needed = bytes_needed(scene, options, block)
     free = available_memory()

@@ -58,18 +58,22 @@ def solve_increment(
     control: Control,
     tolerance: float = 1e-8,
 ) -> SolvedIncrement:
-    """Solve for the state that a control prescribes.
+    """Solve for the state that an increment's control prescribes, by Newton's method.
 
     Args:
-        problem: the problem.
+        problem: the finite-element problem.
         state: first guess.
-        history: of the elements before the increment.
-        control: what is prescribed.
+        history: plastic strains of the elements before the increment.
+        control: prescribed load or approach.
         tolerance: on the largest residual, dimensionless.
 
+    Returns:
+        The converged state, the elements that flow, the residuals and the iterations.
+        The plastic strains are not yet added to the history.
+
     Raises:
-        NotConverged: after `MAX_ITERATIONS`, or at a residual that is not finite; the
-            error holds the residuals of all iterations.
+        NotConverged: after `MAX_ITERATIONS` (30), or at a residual that is not finite;
+            the error holds the residuals of all iterations.
     """
     counts = Counts(increments=1)
     largest_residuals = []
@@ -120,7 +124,15 @@ def _tangent(
     flowing: NDArray[np.bool_],
     blend: float,
 ) -> Tangent:
-    """Return the tangent at a state, blended with the elastic stiffness."""
+    """Return the consistent tangent at a state, blended with the elastic stiffness.
+
+    Args:
+        problem: the finite-element problem.
+        state: with the displacements at which the tangent is computed.
+        history: plastic strains of the elements before the increment.
+        flowing: (m,) True for the elements that flow at the state.
+        blend: fraction of the plastic correction that is left out, from 0 to 1.
+    """
     if not problem.plastic:
         return Tangent(problem, None, blend)
     u = problem.physical_displacement(state.displacement).reshape(-1, 3)
@@ -131,7 +143,14 @@ def _tangent(
 
 
 class _Trial(NamedTuple):
-    """What a fraction of the Newton step leads to; force and flow as in `Problem`."""
+    """The body after a fraction of the Newton step.
+
+    Attributes:
+        fraction: of the full step; 1 is the full step.
+        displacement: (levels, nx, ny, 3) unknown displacements, in m.
+        force: (levels, nx, ny, 3) internal force, in N.
+        flowing: (m,) True for the elements that flow.
+    """
 
     fraction: float
     displacement: FloatArray
@@ -148,12 +167,25 @@ def _step(
     control: Control,
     shorten: bool,
 ) -> tuple[_Trial, int]:
-    """Take the full step or, if asked to shorten it, the part until the energy rises.
+    """Take the full Newton step, or a shorter one if the energy rises along it.
 
-    Returns the end of the step, and how often it was shortened.
+    Args:
+        problem: the finite-element problem.
+        state: at the begin of the step.
+        internal: (levels, nx, ny, 3) internal force of this state, in N.
+        linear: solution of the linearised contact problem, with the full step.
+        history: plastic strains of the elements before the increment.
+        control: whose prescribed load does work on the approach.
+        shorten: whether the step may be shortened, to a point where the slope of the
+            energy along the step is nearly zero.
+
+    Returns:
+        The body at the end of the step, and how often the step was shortened, at most
+        `MAX_CUTS` (12) times.
     """
 
     def trial_at(fraction: float) -> _Trial:
+        """Return the body after a fraction of the Newton step, from 0 to 1 or more."""
         u = state.displacement + fraction * linear.step
         return _Trial(fraction, u, *problem.internal_force(u, history))
 

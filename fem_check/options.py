@@ -24,7 +24,16 @@ Geometry = Literal["gap", "moved", "punch"]
 
 
 def _option(default: Any, description: str, **bounds: float) -> Any:
-    """Return a field with a description and bounds, which pydantic reads from it."""
+    """Return a dataclass field with a default, a description and bounds.
+
+    pydantic reads description and bounds from the field's metadata.
+
+    Args:
+        default: value of the option if none is given.
+        description: meaning and unit of the option.
+        bounds: as pydantic names them: gt (greater than), ge (at least), lt (less
+            than).
+    """
     return field(default=default, metadata={"description": description, **bounds})
 
 
@@ -88,6 +97,10 @@ class FemOptions:
     )
 
     def __post_init__(self) -> None:
+        """Check the bounds of all options, and convert their values to numbers.
+
+        Raises InvalidScene if an option is not within its bounds.
+        """
         _require_one_of("law", self.law, get_args(LawName))
         _require_one_of("geometry", self.geometry, get_args(Geometry))
         length = partial(positive, unit="m")
@@ -107,7 +120,10 @@ class FemOptions:
                 set_frozen(self, **{name: check(name, value)})
 
     def require_strengths(self, scene: Scene) -> None:
-        """Raise InvalidScene if the material lacks the strength that the law needs."""
+        """Raise InvalidScene if the material lacks the strength that the law needs.
+
+        The law "j2" needs a finite yield stress, the law "capped" a finite hardness.
+        """
         for law, strength in (("j2", "yield_stress"), ("capped", "hardness")):
             if self.law == law and not math.isfinite(getattr(scene.material, strength)):
                 raise InvalidScene(
@@ -117,21 +133,35 @@ class FemOptions:
 
 
 def _require_one_of(name: str, value: Any, choices: Sequence[str]) -> None:
-    """Raise InvalidScene if an option is none of its choices."""
+    """Raise InvalidScene if an option's value is none of its choices.
+
+    Args:
+        name: of the option, for the message.
+        value: that was given.
+        choices: allowed values, two or more.
+    """
     if value not in choices:
         expected = ", ".join(choices[:-1]) + f" or {choices[-1]}"
         raise InvalidScene(f"{name} is {value!r}, but must be {expected}")
 
 
 def _hardening(name: str, value: Any) -> float:
-    """Return a hardening modulus, or raise InvalidScene."""
+    """Return a hardening modulus in Pa as a float.
+
+    Raises InvalidScene if `value` is negative, infinite or no number; `name` is that of
+    the option in the message.
+    """
     return number(
         name, value, "0 or positive, in Pa", lambda modulus: 0 <= modulus < math.inf
     )
 
 
 def _approaches(name: str, value: Any) -> tuple[float, ...]:
-    """Return approaches as a tuple, or raise InvalidScene."""
+    """Return approaches in m, one number or a sequence, as a tuple of floats.
+
+    Raises InvalidScene if there are none or one is not positive; `name` is that of the
+    option in the message.
+    """
     approaches = as_tuple(value)
     if not approaches:
         raise InvalidScene(f"{name} is (), but must be at least one length in m")

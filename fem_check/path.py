@@ -83,10 +83,15 @@ class SolvedPath:
 def path_targets(
     scene: Scene, problem: Problem, options: FemOptions
 ) -> tuple[float, ...]:
-    """Return the targets of the path.
+    """Return the targets of the load path, one for each of its points.
 
-    They are forces in N, or approaches in m since the first touch if the options give
-    these.
+    They are total forces in N, or approaches in m since the first touch if the options
+    prescribe approaches.
+
+    Args:
+        scene: with the mean pressures of its load path, in Pa.
+        problem: the finite-element problem, with the nominal area.
+        options: of the solve.
     """
     if options.approach is not None:
         return cast("tuple[float, ...]", options.approach)
@@ -96,15 +101,19 @@ def path_targets(
 def solve_points(
     problem: Problem, targets: Sequence[float], options: FemOptions
 ) -> Iterator[tuple[PathPoint, History]]:
-    """Solve the path, and yield each point with the history of the elements.
+    """Solve the load path, and yield each point with the history of the elements.
 
     Args:
-        problem: the problem.
-        targets: from `path_targets`.
+        problem: the finite-element problem.
+        targets: from `path_targets`: forces in N, or approaches in m.
         options: of the solve.
 
+    Yields:
+        The converged point of each target, and the plastic strains of the elements
+        there.
+
     Raises:
-        NotConverged: an increment failed.
+        NotConverged: an increment failed, even after it was halved several times.
     """
     first_touch = None
     if options.approach is not None:
@@ -136,7 +145,11 @@ def solve_points(
 
 
 def _without_plastic_nodes(progress: PathProgress) -> PathProgress:
-    """Return the progress with elastic contact only, as on a lowered surface."""
+    """Return the path's progress with elastic contact in place of plastic contact.
+
+    A capped body is unloaded on the surface that its plastic nodes have lowered, on
+    which all contact is elastic again.
+    """
     states = []
     for state in progress.states:
         elastic = np.where(state.states == PLASTIC, ELASTIC, state.states)
@@ -145,7 +158,14 @@ def _without_plastic_nodes(progress: PathProgress) -> PathProgress:
 
 
 def _plastic_displacement(problem: Problem, state: State) -> FloatArray:
-    """Return the (nx, ny) depth to which the capped nodes have sunk, in m."""
+    """Return the (nx, ny) depth to which the capped nodes have sunk, in m.
+
+    It is minus the gap at PLASTIC nodes and 0 elsewhere.
+
+    Args:
+        problem: of a capped body.
+        state: the converged state.
+    """
     gap = problem.gap(state.displacement, state.approach)
     return np.where(state.states == PLASTIC, np.maximum(-gap, 0.0), 0.0)
 
@@ -153,7 +173,15 @@ def _plastic_displacement(problem: Problem, state: State) -> FloatArray:
 def _path_point(
     problem: Problem, pressure: float, progress: PathProgress, lowered: FloatArray
 ) -> PathPoint:
-    """Return the point of the path at the present progress."""
+    """Return the point of the load path at the present progress.
+
+    Args:
+        problem: the finite-element problem.
+        pressure: mean pressure of the point, in Pa.
+        progress: after at least one increment.
+        lowered: (nx, ny) plastic displacement of a capped body's nodes in m; zeros
+            otherwise.
+    """
     assert progress.solved is not None
     state = progress.solved.state
     states = state.states
@@ -182,7 +210,12 @@ def _path_point(
 
 
 def _yielded_surface(problem: Problem, history: History) -> NDArray[np.bool_]:
-    """Return (nx, ny) True for the top nodes of an element that has ever flowed."""
+    """Return (nx, ny) True for the top nodes of an element that has ever flowed.
+
+    Args:
+        problem: the finite-element problem, with nx times ny top nodes.
+        history: of the elements, whose first nx ny are those of the top layer.
+    """
     top_layer = history.rows[: problem.heights.size].reshape(problem.block.shape)
     return nodes_of(top_layer > 0)
 
@@ -191,19 +224,27 @@ def nodes_of(elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return (nx, ny) True for the top nodes of some elements of the top layer.
 
     Args:
-        elements: (nx, ny) True for these elements.
+        elements: (nx, ny) True for these elements; element [i, j] has the nodes i and i
+            + 1, j and j + 1, periodically.
     """
     nodes = elements | np.roll(elements, 1, 0)
     return np.asarray(nodes | np.roll(nodes, 1, 1))
 
 
 def _plastic_flow(problem: Problem, state: State, history: History) -> dict[str, float]:
-    """Return measures of the plastic flow of a J2 body.
+    """Return measures of the plastic flow of a J2 body, by name.
 
-    They are the largest accumulated plastic strain, the fraction of the volume that has
-    flowed, the depth of the plastic zone in m, the elastic energy stored in the block
-    in J/m^2 (with the uniform compression of a half-space's block), and the plastic
-    work in J/m^2.
+    Args:
+        problem: the finite-element problem.
+        state: the converged state.
+        history: plastic strains of the elements at this state.
+
+    Returns:
+        `largest_plastic_strain`, the largest accumulated plastic strain;
+        `plastic_volume`, the fraction of the volume that has flowed; `plastic_depth` of
+        the plastic zone in m; `stored_energy`, the elastic energy stored in the block
+        in J/m^2 (with the uniform compression of a half-space's block); and
+        `plastic_work` in J/m^2.
     """
     block = problem.block
     bricks = problem.bricks

@@ -69,9 +69,11 @@ _ROOT = sqrt(2.0 / 3.0)
 
 
 class J2Law(NamedTuple):
-    """The law of a J2 material: Figure 1 of the paper where the hardening is 0.
+    """The law of an elastoplastic material with the yield condition of von Mises (J2).
 
-    The module's docstring has its equations.
+    Below the yield stress it is linearly elastic.  Without hardening it is the elastic
+    and perfectly plastic solid of figure 1 in Almqvist and Persson, "Multiscale contact
+    mechanics for elastoplastic contacts".
 
     Attributes:
         shear_modulus: mu, in Pa.
@@ -93,14 +95,14 @@ def j2_law(
     yield_stress: float,
     hardening_modulus: float = 0.0,
 ) -> J2Law:
-    """Return the law of a material.
+    """Return the law of a J2 material from its engineering constants.
 
     Args:
         young_modulus: in Pa.
         poisson_ratio: below 0.5.
-        yield_stress: in uniaxial tension, in Pa.
-        hardening_modulus: in Pa; 0 is perfect plasticity, which the paper assumes
-            (its figure 1).
+        yield_stress: in uniaxial tension, in Pa; infinite for an elastic body.
+        hardening_modulus: slope of the yield stress over the accumulated plastic
+            strain, in Pa; 0 is perfect plasticity.
     """
     return J2Law(
         shear_modulus=young_modulus / (2 * (1 + poisson_ratio)),
@@ -112,20 +114,29 @@ def j2_law(
 
 @inlined
 def _yield_radius(accumulated, law):
-    """Return R, the largest |dev s| in Pa after an accumulated plastic strain."""
-    _, _, yield_stress, hardening_modulus = law
-    return _ROOT * (yield_stress + hardening_modulus * accumulated)
+    """Return the radius R of the yield surface, the largest |dev s|, in Pa.
+
+    Args:
+        accumulated: accumulated plastic strain, dimensionless.
+        law: a `J2Law` with its four moduli in Pa.
+    """
+    return _ROOT * (law.yield_stress + law.hardening_modulus * accumulated)
 
 
 @inlined
 def _plastic_excess(norm, radius, law):
-    """Return `excess` in Pa of a trial stress beyond the radius, and 1/(1 + H/(3 mu)).
+    """Return the stress excess of radial return in Pa, and 1/(1 + H/(3 mu)).
 
-    The second value enters theta_bar.  norm: Frobenius norm of the deviatoric trial
-    stress in Pa; radius: of the yield surface in the same norm; law: a `J2Law`.
+    The excess is what a trial stress loses when it returns to the yield surface: 2 mu
+    times the plastic multiplier.  The second value enters the consistent tangent.
+
+    Args:
+        norm: Frobenius norm |s| of the deviatoric trial stress, in Pa, above the
+            radius.
+        radius: of the yield surface in the same norm, in Pa.
+        law: a `J2Law`, with the shear modulus mu and the hardening modulus H in Pa.
     """
-    shear_modulus, _, _, hardening_modulus = law
-    resistance = 1 + hardening_modulus / (3 * shear_modulus)
+    resistance = 1 + law.hardening_modulus / (3 * law.shear_modulus)
     return (norm - radius) / resistance, 1 / resistance
 
 
@@ -133,20 +144,25 @@ def plastic_work_density(accumulated: FloatArray, law: J2Law) -> FloatArray:
     """Return the plastic work per volume in J/m^3 after accumulated plastic strains.
 
     sigma_Y a + H a^2/2 is exact for linear hardening.
+
+    Args:
+        accumulated: accumulated plastic strains a, of any shape, dimensionless.
+        law: with the yield stress sigma_Y and the hardening modulus H, in Pa.
     """
     return law.yield_stress * accumulated + law.hardening_modulus * accumulated**2 / 2
 
 
 def layer_stiffness(bricks: Elements, law: J2Law) -> tuple[FloatArray, FloatArray]:
-    """Return the element stiffness of each shape, row by row.
+    """Return the element stiffness of each shape of elements, row by row.
 
     Args:
         bricks: the elements, whose shapes are layers in a flat block.
-        law: of which the elastic moduli count.
+        law: of the material, whose two elastic moduli are used.
 
     Returns:
         elastic: (shapes, 24 * 24) stiffness, in N/m.
-        deviatoric: (shapes, 8, 24 * 24) `deviatoric_stiffness` at each Gauss point, m.
+        deviatoric: (shapes, 8, 24 * 24) integrals of dev e : dev e at each Gauss point,
+            in m, from `deviatoric_stiffness`.
     """
     moduli = law.shear_modulus, law.bulk_modulus
     shapes = range(len(bricks.weights))
@@ -190,16 +206,22 @@ def initial_history(count: int) -> History:
 
 @compiled
 def _elastic_stress(e, dilatation, law, largest):
-    """Turn local strains e into Hooke's stresses, in place.
+    """Turn local strains into Hooke's stresses, in place, for LANES elements at once.
 
-    `largest` (LANES,) receives the largest |dev s|^2 of each element, in Pa^2.
+    Arrays are flat, with the element as the last index.
+
+    Args:
+        e: (6, 8, LANES) strains xx, yy, zz, xy, yz, zx at the Gauss points; they become
+            stresses in Pa.
+        dilatation: (LANES,) mean dilatation of each element.
+        law: a `J2Law`, with moduli in Pa.
+        largest: (LANES,) receives the largest |dev s|^2 of each element, in Pa^2.
     """
-    shear_modulus, bulk_modulus, _, _ = law
-    G2 = 2 * shear_modulus
+    G2 = 2 * law.shear_modulus
     L = LANES
     pressure = np.empty(L)
     for n in range(L):
-        pressure[n] = bulk_modulus * dilatation[n]
+        pressure[n] = law.bulk_modulus * dilatation[n]
         largest[n] = 0.0
     for q in range(0, 8 * L, L):
         for n in range(q, q + L):
@@ -225,12 +247,22 @@ def _elastic_stress(e, dilatation, law, largest):
 
 @compiled
 def _trial_stress(s, at, p, history, row, q, law):
-    """Return what radial return needs at Gauss point q.
+    """Return what radial return needs at Gauss point q of one element.
 
-    `at` is the index in s of the point's Hooke stress, whose mean is p.
+    Args:
+        s: (6, 8, LANES) Hooke's stresses in Pa, flat, with the element as the last
+            index.
+        at: index in `s` of the point's component xx.
+        p: mean stress, in Pa.
+        history: plastic strains before the increment.
+        row: of the element in the arrays of the history.
+        q: number of the Gauss point, below 8.
+        law: a `J2Law`, with moduli in Pa.
 
-    Returns the deviatoric trial stress, its norm (1 if the point does not flow), the
-    excess, and the second value of `_plastic_excess` (both 0 if it does not flow).
+    Returns:
+        The deviatoric trial stress (xx, yy, zz, xy, yz, zx) in Pa; its norm in Pa (1 if
+        the point does not flow); the excess in Pa and 1/(1 + H/(3 mu)), as in
+        `_plastic_excess` (both 0 if it does not flow).
     """
     G2 = 2 * law.shear_modulus
     L = 8 * LANES
@@ -254,13 +286,21 @@ def _trial_stress(s, at, p, history, row, q, law):
 
 @compiled
 def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # noqa: PLR0913, PLR0917
-    """Return the stresses of lane n to the yield surface, in place.
+    """Move the stresses of one element back to the yield surface, in place.
 
-    p: mean stress in Pa.  row: of the element in the history.  updated: the history
-    that receives the increment of plastic strain, or None.  terms: those of a
-    `TangentCorrection`, whose entry k is written, or None.
+    Args:
+        s: (6, 8, LANES) Hooke's stresses in Pa, flat, which are changed.
+        n: index of the element among the LANES that are computed at once.
+        p: mean stress, in Pa.
+        history: plastic strains before the increment.
+        row: of the element in the arrays of the history.
+        law: a `J2Law`, with moduli in Pa.
+        updated: history to which the increment of plastic strain is added, or None.
+        terms: those of a `TangentCorrection`, whose entry k is written, or None.
+        k: index of the element in `terms`.
 
-    Returns True if a Gauss point flows.
+    Returns:
+        True if a Gauss point flows.
     """
     G2 = 2 * law.shear_modulus
     flows = False
@@ -291,14 +331,23 @@ def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # 
 def _stress_update(  # noqa: PLR0913, PLR0917
     u, bricks, law, history, selected, nodal, stress, updated, terms, ranges
 ):
-    """Compute stresses at displacements u by radial return, and what follows from them.
+    """Compute stresses at displacements u by radial return, and write the outputs.
 
-    history: of all elements; None: the law is elastic.  selected: numbers of the
-    elements that are meant; None: all.  ranges: (r, 2) of indices into them.
+    An output may be None; numba then leaves it out.
 
-    An output may be None; numba then leaves it out.  nodal: (force, flowing), to which
-    the internal force (nodes, 3) and the elements that flow (m,) are written.  stress:
-    (m, 6, 8).  updated and terms: as in `_return_to_yield_surface`.
+    Args:
+        u: (nodes, 3) displacements, in m.
+        bricks: the m elements.
+        law: a `J2Law`, with moduli in Pa.
+        history: plastic strains of all elements; None: the law is elastic.
+        selected: numbers of the elements that are meant; None: all.
+        nodal: (force, flowing): the internal force in N is added to (nodes, 3), and
+            (m,) receives True for elements that flow.
+        stress: (m, 6, 8) receives the stresses at the Gauss points, in Pa.
+        updated: history to which the increments of plastic strain are added.
+        terms: (k, 8, 8) receives those of a `TangentCorrection`.
+        ranges: (r, 2) first index and stop index of ranges of `selected`, or of
+            elements.
     """
     ue, shapes, derivatives, s, dilatation, fe = workspace()
     largest = np.empty(LANES)
@@ -336,9 +385,18 @@ def _stress_update(  # noqa: PLR0913, PLR0917
 
 @compiled
 def _correct(e, n, terms, k, scale):
-    """Turn the strains of lane n into `scale` times the correction of the stresses.
+    """Turn the strains of one element into its scaled stress correction, in place.
 
-    The correction is -2 mu (1 - theta) dev e - 2 mu theta_bar (n : e) n.
+    The correction by the consistent tangent is `scale` times -2 mu (1 - theta) dev e -
+    2 mu theta_bar (n : e) n, with the flow direction n.
+
+    Args:
+        e: (6, 8, LANES) strains xx, yy, zz, xy, yz, zx, flat, with the element as the
+            last index; they become stresses in Pa.
+        n: index of the element among the LANES that are computed at once.
+        terms: those of a `TangentCorrection`.
+        k: index of the element in `terms`.
+        scale: dimensionless.
     """
     L = 8 * LANES
     for at in range(n, L, LANES):
@@ -366,7 +424,18 @@ def _correct(e, n, terms, k, scale):
 
 @compiled
 def _add_correction(v, bricks, correction, scale, f, ranges):
-    """Add `scale` times the correction times v to f; ranges as in `_stress_update`."""
+    """Add `scale` times the tangent's correction times v to the forces f, in place.
+
+    Args:
+        v: (nodes, 3) displacements, in m.
+        bricks: the elements.
+        correction: consistent tangent less elastic stiffness, in the elements that
+            flow.
+        scale: dimensionless.
+        f: (nodes, 3) forces, in N.
+        ranges: (r, 2) first index and stop index of ranges of the correction's
+            elements.
+    """
     ue, shapes, derivatives, s, dilatation, fe = workspace()
     selected, terms = correction
     for r in range(ranges.shape[0]):
@@ -387,13 +456,14 @@ def internal_force(
     history: History | None,
     workers: Workers = SERIAL,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the internal force and the elements that flow.
+    """Return the internal force of the elements, and the elements that flow.
 
     Args:
         u: (nodes, 3) displacements, in m.
-        bricks: the elements.
+        bricks: the m elements.
         law: of the material.
-        history: of the elements before this increment; None: the law is elastic.
+        history: plastic strains of the elements before this increment; None: the law is
+            elastic.
         workers: threads that share the work.
 
     Returns:
@@ -412,9 +482,13 @@ def internal_force(
 def stresses(
     u: FloatArray, bricks: Elements, law: J2Law, history: History | None
 ) -> FloatArray:
-    """Return (m, 6, 8) stresses at the Gauss points, in Pa.
+    """Return (m, 6, 8) stresses xx, yy, zz, xy, yz, zx at the Gauss points, in Pa.
 
-    Arguments are those of `internal_force`.
+    Args:
+        u: (nodes, 3) displacements, in m.
+        bricks: the m elements.
+        law: of the material.
+        history: plastic strains of the elements; None: the law is elastic.
     """
     stress = np.empty((bricks.number, 6, 8))
     task = partial(
@@ -425,12 +499,12 @@ def stresses(
 
 
 def stored_energy(stress: FloatArray, bricks: Elements, law: J2Law) -> float:
-    """Return the integral of |dev s|^2/(4 mu) + p^2/(2 K), in J.
+    """Return the elastic energy in J: the integral of |dev s|^2/(4 mu) + p^2/(2 K).
 
     Args:
         stress: (m, 6, 8) at the Gauss points, in Pa.
         bricks: the m elements.
-        law: of which the elastic moduli count.
+        law: with the shear modulus mu and the bulk modulus K, in Pa.
     """
     p = stress[:, :3].mean(axis=1)
     normal = stress[:, :3] - p[:, None]
@@ -449,12 +523,14 @@ def commit(
 ) -> History:
     """Return the history after a converged increment; the old one stays as it was.
 
+    The plastic strains of the increment are added to the elements that flow.
+
     Args:
         u: (nodes, 3) converged displacements, in m.
-        bricks: the elements.
+        bricks: the m elements.
         law: of the material.
         history: of the elements before the increment.
-        flowing: (m,) elements that flow, from `internal_force` at u.
+        flowing: (m,) True for the elements that flow, from `internal_force` at u.
     """
     selected = np.flatnonzero(flowing)
     new = selected[history.rows[selected] == 0]
@@ -481,9 +557,15 @@ def tangent_correction(
     flowing: NDArray[np.bool_],
     workers: Workers = SERIAL,
 ) -> TangentCorrection:
-    """Return the consistent tangent less the elastic stiffness at u.
+    """Return the consistent tangent less the elastic stiffness at the displacements u.
 
-    Arguments are those of `commit`, and threads that share the work.
+    Args:
+        u: (nodes, 3) displacements, in m.
+        bricks: the m elements.
+        law: of the material.
+        history: plastic strains of the elements before the increment.
+        flowing: (m,) True for the elements that flow, from `internal_force` at u.
+        workers: threads that share the work.
     """
     selected = np.flatnonzero(flowing)
     terms = np.empty((selected.size, 8, 8))
@@ -509,7 +591,7 @@ def add_correction(
         bricks: the elements.
         correction: from `tangent_correction`.
         scale: dimensionless.
-        force: (nodes, 3), in N.
+        force: (nodes, 3) in N, which is changed.
         workers: threads that share the work.
     """
     task = partial(_add_correction, v, bricks, correction, scale, force)
@@ -524,7 +606,14 @@ def _run_by_layers(
 ) -> None:
     """Call `task` for all elements or the selected ones, half of the layers at a time.
 
-    Threads then never add to the same node.
+    Neighbouring layers are never computed together, so that threads never add to the
+    same node.
+
+    Args:
+        task: called with (r, 2) first index and stop index of ranges.
+        bricks: the elements.
+        selected: ascending numbers of elements, which the ranges index; None: all.
+        workers: threads that share a half.
     """
     for layers in disjoint_layers(bricks, selected):
         workers.run(task, layers)

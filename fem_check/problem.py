@@ -85,6 +85,10 @@ class Counts:
     halvings: int = 0
 
     def __add__(self, other: Counts) -> Counts:
+        """Return the sum of two counts of iterations.
+
+        The fields that begin with `most` get the larger value, all others the sum.
+        """
         total = {}
         for name, count in vars(self).items():
             other_count = vars(other)[name]
@@ -95,14 +99,27 @@ class Counts:
 
 
 def unbalanced(R: FloatArray, states: States) -> FloatArray:
-    """Return the reaction R without the contact forces, as a copy."""
+    """Return the reaction R without the contact forces, as a copy.
+
+    Args:
+        R: (levels, nx, ny, 3) reaction in N; on ELASTIC top nodes its z component is
+            the contact force, which is set to 0.
+        states: (nx, ny) contact states of the top nodes.
+    """
     R = R.copy()
     R[0, ..., 2][states == ELASTIC] = 0
     return R
 
 
 def unbalanced_norm(R: FloatArray, states: States, workers: Workers = SERIAL) -> float:
-    """Return the norm of `unbalanced` in N, without a copy of all its levels."""
+    """Return the Euclidean norm of the unbalanced nodal forces, in N.
+
+    Args:
+        R: (levels, nx, ny, 3) reaction in N; the z component on ELASTIC top nodes is a
+            contact force and is left out.
+        states: (nx, ny) contact states of the top nodes.
+        workers: threads that share the work.
+    """
     return math.hypot(norm(unbalanced(R[:1], states)), norm(R[1:], workers))
 
 
@@ -134,32 +151,36 @@ class Problem:
 
     @cached_property
     def stiffness(self) -> tuple[FloatArray, FloatArray]:
-        """Element stiffness of the layers, from `plasticity.layer_stiffness`."""
+        """Element stiffness of the problem's layers, from `plasticity.layer_stiffness`.
+
+        The elastic part is (shapes, 24 * 24) in N/m, the deviatoric one (shapes, 8, 24
+        * 24) in m.
+        """
         return plasticity.layer_stiffness(self.bricks, self.law)
 
     @property
     def plastic(self) -> bool:
-        """True if the material can flow."""
+        """True if the problem's material can flow: its yield stress is finite."""
         return math.isfinite(self.law.yield_stress)
 
     @property
     def capped(self) -> bool:
-        """True if the nodal forces have an upper bound."""
+        """True if the problem's nodal contact forces have an upper bound."""
         return math.isfinite(self.cap)
 
     @property
     def area(self) -> float:
-        """Nominal area of the top, in m^2."""
+        """Nominal area of the block's top, in m^2."""
         return self.block.node_area * self.heights.size
 
     def internal_force(
         self, v: FloatArray, history: History | None
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the internal force and the elements that flow.
+        """Return the internal force of the elements, and the elements that flow.
 
         Args:
             v: (nz + 1, nx, ny, 3) unknown displacements, in m.
-            history: of the elements; None: nothing flows.
+            history: plastic strains of the elements; None: nothing flows.
 
         Returns:
             force: (nz + 1, nx, ny, 3) on the unknowns, in N.
@@ -189,20 +210,36 @@ class Problem:
     def force_on_unknowns(self, force: FloatArray) -> FloatArray:
         """Turn forces on u into forces on v, in place, and return them.
 
-        This is the transpose of `physical_displacement`.
+        This is the transpose of `physical_displacement`: the displacement u differs
+        from the unknown v only under a punch.
+
+        Args:
+            force: (levels, nx, ny, 3), in N.
         """
         if self.tilt is not None:
             force[0, ..., :2] -= self.tilt * force[0, ..., 2:]
         return force
 
     def gap(self, v: FloatArray, approach: float) -> FloatArray:
-        """Return the (nx, ny) gap between the top and the flat, in m."""
+        """Return the (nx, ny) gap between the top and the flat, in m.
+
+        It is negative where the top penetrates the flat.
+
+        Args:
+            v: (levels, nx, ny, 3) unknown displacements in m; only the top level is
+                used.
+            approach: d in m; the flat is at the height -d.
+        """
         return np.asarray(-v[0, ..., 2] - self.heights - approach)
 
     def clear_base(self, force: FloatArray) -> FloatArray:
         """Set the reactions of the base to zero, in place, and return the forces.
 
-        Forces on the upper levels alone stay as they are.
+        A bonded base holds all components, a sliding one only z.
+
+        Args:
+            force: (levels, nx, ny, 3) in N; forces on the upper levels alone stay as
+                they are.
         """
         if len(force) > len(self.block.layers):
             first_held = 0
@@ -214,7 +251,17 @@ class Problem:
     def layer_stresses(
         self, state: State, history: History, layer: int
     ) -> tuple[FloatArray, Elements]:
-        """Return the (nx ny, 6, 8) stresses of a layer in Pa, and its elements."""
+        """Return the stresses of one layer of elements, and these elements.
+
+        Args:
+            state: state of the problem, with the displacements.
+            history: plastic strains of all elements at this state.
+            layer: number of the layer, 0 at the top.
+
+        Returns:
+            (nx ny, 6, 8) stresses xx, yy, zz, xy, yz, zx at the Gauss points in Pa, and
+            the layer's elements.
+        """
         nodes = self.heights.size
         part = slice(layer * nodes, (layer + 1) * nodes)
         bricks = self.bricks._replace(
@@ -228,24 +275,46 @@ class Problem:
         return plasticity.stresses(u, bricks, self.law, layer_history), bricks
 
     def reaction(self, states: States, internal: FloatArray) -> FloatArray:
-        """Return R of an internal force in N, as the module's docstring defines it."""
+        """Return the reaction R: minus the internal force and the capped forces.
+
+        In a solution R is the contact force on the ELASTIC top nodes, and zero
+        elsewhere.
+
+        Args:
+            states: (nx, ny) contact states of the top nodes.
+            internal: (nz + 1, nx, ny, 3) internal force, in N; it is not changed.
+
+        Returns:
+            (nz + 1, nx, ny, 3) in N, with zeros where the base holds the nodes.
+        """
         R = self.clear_base(-internal)
         R[0, ..., 2] -= self.capped_forces(states)
         return R
 
     def capped_forces(self, states: States) -> FloatArray:
-        """Return (nx, ny) forces in N: the cap at plastic nodes, 0 elsewhere."""
+        """Return (nx, ny) forces in N: the problem's cap at PLASTIC nodes, 0 elsewhere.
+
+        `states` are the (nx, ny) contact states of the top nodes.
+        """
         return np.where(states == PLASTIC, self.cap, 0.0)
 
     def contact_forces(self, states: States, reaction: FloatArray) -> FloatArray:
-        """Return the (nx, ny) contact forces, in N.
+        """Return the (nx, ny) downward contact forces, in N.
 
-        They are the `reaction` (nx, ny) at elastic nodes and the cap at plastic ones.
+        They are the reaction at ELASTIC nodes, the cap at PLASTIC ones, and 0 at nodes
+        that are APART.
+
+        Args:
+            states: (nx, ny) contact states of the top nodes.
+            reaction: (nx, ny) z component of the reaction on the top, in N.
         """
         return np.where(states == ELASTIC, reaction, self.capped_forces(states))
 
     def capped_load(self, states: States) -> float:
-        """Return the force that the plastic nodes carry, in N."""
+        """Return the total force that the PLASTIC nodes carry at the cap, in N.
+
+        `states` are the (nx, ny) contact states of the top nodes.
+        """
         count = int((states == PLASTIC).sum())
         if count == 0:
             return 0.0  # the cap may be infinite
@@ -254,7 +323,11 @@ class Problem:
     def missing_load(self, R: FloatArray, states: States, control: Control) -> float:
         """Return the prescribed load less the contact forces, in N.
 
-        It is 0 if the approach is prescribed.
+        Args:
+            R: (levels, nx, ny, 3) reaction, in N.
+            states: (nx, ny) contact states of the top nodes.
+            control: prescribed load or approach; in approach control nothing is
+                missing, and 0 is returned.
         """
         if control.load is None:
             return 0.0

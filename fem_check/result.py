@@ -69,9 +69,10 @@ LARGEST_STRAIN = 0.2
 
 
 def contact_result(path: SolvedPath) -> ContactResult:
-    """Return the result of a solved path.
+    """Return the result of a solved path, with the fields of its last point.
 
-    The last step's residuals include the certificate.
+    The result has one step for each point of the path.  The last step's residuals
+    include those of scikit-fem's check.
     """
     problem = path.problem
     block = problem.block
@@ -110,10 +111,16 @@ def contact_result(path: SolvedPath) -> ContactResult:
 
 
 def surface_fields(path: SolvedPath, point: PathPoint) -> dict[str, NDArray[Any]]:
-    """Return the fields of the surface at a point of the path, by name.
+    """Return the (nx, ny) fields of the surface at a point of the path, by name.
 
-    They are (nx, ny), in SI units.  The plastic displacement is that of a capped body,
-    or of a J2 body without a load.
+    Args:
+        path: the solved path.
+        point: one of its points.
+
+    Returns:
+        `heights` (m), `pressure` (Pa), `gap` (m), downward `displacement` (m) and
+        `state` (APART, ELASTIC or PLASTIC).  A capped body, and a J2 body without a
+        load, also have the `plastic_displacement` (m).
     """
     fields: dict[str, NDArray[Any]] = {
         "heights": path.scene.surface.heights,
@@ -135,6 +142,10 @@ def _downward_displacement(scene: Scene, point: PathPoint) -> FloatArray:
     The mean of a half-space's displacement is subtracted.  Under a punch, it is the
     displacement of the material that is now at the position of a node, the unknown of
     `Problem.physical_displacement`.
+
+    Args:
+        scene: with the kind of body.
+        point: of the solved path.
     """
     down: FloatArray = -point.state.displacement[0, ..., 2]
     if scene.body.kind == "half_space":
@@ -143,7 +154,13 @@ def _downward_displacement(scene: Scene, point: PathPoint) -> FloatArray:
 
 
 def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
-    """Return areas, residuals and further quantities of a point of the path."""
+    """Return areas, residuals, iterations and quantities of a point of the path.
+
+    Args:
+        path: the solved path.
+        point: one of its points; the last one also gets the residuals of scikit-fem's
+            check.
+    """
     scene = path.scene
     problem = path.problem
     counts = point.counts
@@ -183,7 +200,13 @@ def load_step(path: SolvedPath, point: PathPoint) -> LoadStep:
 
 
 def _elastic_energy(path: SolvedPath, point: PathPoint, pressure: FloatArray) -> float:
-    """Return the elastic energy in J/m^2, less a half-space's uniform compression."""
+    """Return the elastic energy in J/m^2, less a half-space's uniform compression.
+
+    Args:
+        path: the solved path.
+        point: one of its points.
+        pressure: (nx, ny) contact pressures of this point, in Pa.
+    """
     scene = path.scene
     law = path.problem.law
     if "stored_energy" not in point.flow:
@@ -201,13 +224,16 @@ def _elastic_energy(path: SolvedPath, point: PathPoint, pressure: FloatArray) ->
 def areas(
     states: States, poisson_ratio: float, capped: bool
 ) -> tuple[Areas, Areas, Areas]:
-    """Return the raw areas, the corrected areas and their errors.
+    """Return the raw areas, the corrected areas and the errors of the corrected areas.
 
-    The module's docstring defines them.
+    All are fractions of the nominal area.  The raw areas count nodes.  The corrected
+    ones are smaller by a rim of (0.25 + 0.21 nu) spacings along each edge of the
+    contact, because the count includes nodes just outside of the rim.  The module's
+    docstring has the details.
 
     Args:
-        states: (nx, ny) contact states.
-        poisson_ratio: of the solid.
+        states: (nx, ny) APART, ELASTIC or PLASTIC; ny = 1 is a line.
+        poisson_ratio: nu of the solid.
         capped: whether plastic nodes are those at the cap of the law "capped".
     """
     touching = states != APART
@@ -242,6 +268,11 @@ def areas(
         plastic_correction = plastic_area - corrected_plastic
 
     def error(correction: float, switches: int) -> float:
+        """Return the error of an area, as a fraction of the nominal area.
+
+        It combines a quarter of the area's `correction` with the random error of
+        `switches` neighbours of which only one is inside.
+        """
         random_error = 2 * math.sqrt(switches / rounding) / states.size
         return math.hypot(correction / 4, random_error)
 
@@ -271,13 +302,18 @@ def count_switches(inside: NDArray[np.bool_]) -> int:
 def distribution(
     pressure: FloatArray, states: States, cap: float
 ) -> PressureDistribution:
-    """Return the distribution of the nodal pressures.
+    """Return the distribution of the nodal pressures, tabulated at 1025 pressures.
 
     Args:
-        pressure: (nx, ny) in Pa.
+        pressure: (nx, ny) in Pa; nodes without pressure are not counted.
         states: (nx, ny) contact states.
         cap: largest pressure in Pa, at which nodes are plastic; infinite: there is no
             cap, and plastic nodes count like elastic ones.
+
+    Returns:
+        Pressures from 0 to the largest one or the cap, in Pa; the fraction of all nodes
+        in contact at or below each of them, without nodes at the cap; and the fraction
+        of all nodes at the cap.
     """
     capped = bool(np.isfinite(cap))
     counted = pressure > 0
@@ -295,7 +331,11 @@ def distribution(
 
 
 def _warnings(path: SolvedPath) -> tuple[str, ...]:
-    """Return sentences on halved increments and on the limits of this method."""
+    """Return sentences on halved increments and on the limits of this method.
+
+    The limits are those on slopes, nodes across a contact, depth of the plastic zone,
+    and plastic strain; without any violation the tuple is empty.
+    """
     notes = [
         f"an increment towards point {number} was halved {point.counts.halvings} times"
         for number, point in enumerate(path.points)

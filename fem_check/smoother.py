@@ -78,20 +78,27 @@ class Smoother:
     def __init__(
         self, rows: FlowRows, held: NDArray[np.bool_], workers: Workers = SERIAL
     ) -> None:
+        """Invert the diagonal blocks of the flowing nodes' matrix rows.
+
+        Args:
+            rows: the tangent's rows of the flowing nodes.
+            held: (nx, ny) True for the top nodes whose normal motion is zero.
+            workers: threads that share the work.
+        """
         self.rows = rows
         self.workers = workers
         self._inverses = np.empty((len(rows.nodes), 3, 3))  # of the diagonal blocks
         _invert_diagonal(rows, held.ravel(), self._inverses)
 
     def smooth(self, residual: FloatArray, *, transposed: bool = False) -> FloatArray:
-        """Return the displacements of the flowing nodes after `SWEEPS` sweeps.
+        """Return the displacements of the n flowing nodes after `SWEEPS` (3) sweeps.
 
         Args:
-            residual: (levels, nx, ny, 3), in N.
+            residual: (levels, nx, ny, 3) forces, in N.
             transposed: sweep down, up, down instead of up, down, up.
 
         Returns:
-            (n, 3) in m.
+            (n, 3) in m, in the order of the rows' nodes.
         """
         x = np.zeros((len(self.rows.nodes), 3))
         right = residual.reshape(-1, 3)
@@ -110,26 +117,32 @@ class Smoother:
 
         Args:
             scale: dimensionless.
-            x: (n, 3) displacements of the flowing nodes, in m.
-            force: (levels, nx, ny, 3), in N.
+            x: (n, 3) displacements of the n flowing nodes, in m.
+            force: (levels, nx, ny, 3) in N, which is changed.
         """
         multiply = partial(_multiply, self.rows, scale * x, force.reshape(-1, 3))
         for strips in self.rows.strips:
             self.workers.run(multiply, strips, work=_ROW_WORK)
 
     def add(self, x: FloatArray, displacement: FloatArray) -> None:
-        """Add x (n, 3) to the flowing nodes of a (levels, nx, ny, 3) field in place."""
+        """Add displacements of the flowing nodes to a field, in place.
+
+        Args:
+            x: (n, 3) of the n flowing nodes, in m.
+            displacement: (levels, nx, ny, 3) in m, which is changed.
+        """
         displacement.reshape(-1, 3)[self.rows.nodes] += x
 
 
 def assemble_rows(
     problem: Problem, correction: TangentCorrection, scale: float
 ) -> FlowRows:
-    """Assemble the tangent's rows of the flowing nodes of a flat block.
+    """Assemble the tangent's matrix rows of the flowing nodes of a flat block.
 
     Args:
-        problem: whose elements are those of a flat block.
-        correction: of the elements that flow.
+        problem: the finite-element problem, whose elements are those of a flat block.
+        correction: consistent tangent less elastic stiffness, in the elements that
+            flow.
         scale: factor of the correction, which is added to the elastic stiffness.
 
     Returns:
@@ -171,7 +184,18 @@ def _in_strips(
 ) -> tuple[NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Return numbers of nodes or elements ordered by strips, and these strips.
 
-    The strips are those of `FlowRows`.
+    A strip is a group of neighbouring columns along x over the full depth, at least
+    `STRIP_WIDTH` (4) nodes wide on larger grids.  Every other strip comes first,
+    because strips of one half have no element in common.
+
+    Args:
+        numbers: ascending numbers (k nx + i) ny + j of level k and column i, j.
+        nx: number of nodes along x.
+        ny: number of nodes along y.
+
+    Returns:
+        The ordered numbers, and for each half an (s, 2) array with the first index and
+        the stop index of its strips.
     """
     half = max(1, nx // (2 * STRIP_WIDTH))
     strip = numbers // ny % nx * 2 * half // nx
@@ -183,9 +207,15 @@ def _in_strips(
 
 
 def _slots(nx: int, ny: int) -> NDArray[np.int64]:
-    """Return (8, 8) the slot of corner b in the row of corner a.
+    """Return (8, 8) the slot, from 0 to 26, of corner b in the row of corner a.
 
-    With one or two nodes along an axis, neighbours on both sides are the same node.
+    A node's row has 27 slots, 9 (dx + 1) + 3 (dy + 1) + dz + 1 for the neighbour at dx,
+    dy, dz.  With one or two nodes along an axis, neighbours on both sides are the same
+    node.
+
+    Args:
+        nx: number of nodes along x.
+        ny: number of nodes along y.
     """
     step = CORNERS[None, :, :] - CORNERS[:, None, :]
     for axis, count in ((0, nx), (1, ny)):
@@ -201,11 +231,16 @@ _SELF = 13
 
 @compiled
 def subtract_correction(K, deviatoric, gradients, weights, terms, scale):
-    """Subtract `scale` times the correction of one element from its stiffness K.
+    """Subtract the scaled plastic correction of one element from its stiffness K.
 
-    K: (24 * 24,) in N/m, changed in place.  deviatoric: (8, 24 * 24) of
-    `layer_stiffness`.  gradients: (3, 8, 8).  weights: (8,).  terms: (8, 8) of
-    `TangentCorrection`.
+    Args:
+        K: (24 * 24,) stiffness row by row in N/m, changed in place.
+        deviatoric: (8, 24 * 24) integrals of `layer_stiffness`, in m.
+        gradients: (3, 8, 8) basis gradients as [axis, corner, Gauss point], in 1/m.
+        weights: (8,) volumes of the Gauss points, in m^3.
+        terms: (8, 8) of `TangentCorrection`: six components of the flow direction n and
+            two moduli in Pa, by Gauss point.
+        scale: dimensionless factor of the correction.
     """
     v = np.empty(24)
     for q in range(8):
@@ -229,7 +264,17 @@ def subtract_correction(K, deviatoric, gradients, weights, terms, scale):
 
 @compiled
 def _add_rows(K, corners, row_of_node, slots, neighbours, blocks):
-    """Add the stiffness K of an element with these corners to the rows of its nodes."""
+    """Add the stiffness of one element to the rows of its nodes that flow, in place.
+
+    Args:
+        K: (24 * 24,) stiffness of the element row by row, in N/m.
+        corners: (8,) numbers of its nodes.
+        row_of_node: (nodes,) row of each node; the number of rows for one without a
+            row.
+        slots: (8, 8) slot of corner b in the row of corner a, from `_slots`.
+        neighbours: (rows, 27) receives the node numbers of the neighbours.
+        blocks: (rows, 27, 3, 3) stiffness in N/m, to which K is added.
+    """
     for a in range(8):
         row = row_of_node[corners[a]]
         if row >= blocks.shape[0]:
@@ -244,11 +289,19 @@ def _add_rows(K, corners, row_of_node, slots, neighbours, blocks):
 
 @compiled
 def _assemble(body, flow, elements, rows, strips):
-    """Add the stiffness of the elements in the strips to the rows of their nodes.
+    """Add the stiffness of the elements in some strips to the rows of their nodes.
 
-    body: elements, elastic and deviatoric stiffness of the layers.  flow: index of each
-    element's correction (-1: none), terms, and scale.  rows: the last four arguments of
-    `_add_rows`.
+    Strips are groups of neighbouring columns.
+
+    Args:
+        body: the elements, and the elastic and the deviatoric stiffness of each layer,
+            as in `layer_stiffness`.
+        flow: index of each element's plastic correction (-1: none), the corrections'
+            terms, and their factor.
+        elements: numbers of elements, ordered by strips.
+        rows: `row_of_node`, `slots`, `neighbours` and `blocks` of `_add_rows`; the last
+            two are changed.
+        strips: (s, 2) first index and stop index of each strip in `elements`.
     """
     bricks, elastic, deviatoric = body
     correction_of_element, terms, scale = flow
@@ -275,9 +328,14 @@ def _assemble(body, flow, elements, rows, strips):
 
 @compiled
 def _invert_diagonal(rows, held, inverses):
-    """Write the inverses of the diagonal blocks.
+    """Write the inverses of the rows' diagonal blocks.
 
     A held normal motion has neither row nor column.
+
+    Args:
+        rows: n matrix rows of the flowing nodes, in N/m.
+        held: (nx ny,) True for the top nodes whose normal motion is zero.
+        inverses: (n, 3, 3) receives the inverses, in m/N.
     """
     for r in range(rows.nodes.size):
         A = rows.blocks[r, _SELF]
@@ -301,7 +359,7 @@ def _invert_diagonal(rows, held, inverses):
 
 @inlined
 def _product(A, x, y, z):
-    """Return the product of a 3 x 3 block and a vector."""
+    """Return the product of a 3 x 3 matrix and a vector (x, y, z), as three numbers."""
     return (
         A[0, 0] * x + A[0, 1] * y + A[0, 2] * z,
         A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
@@ -313,7 +371,16 @@ def _product(A, x, y, z):
 # neighbours into vectors, which is slower.
 @njit(fastmath={"contract", "nsz"}, **OPTIONS)
 def _sweep(rows, inverses, right, x, ascending, strips):
-    """Make one Gauss-Seidel sweep over each strip, which changes x in place."""
+    """Make one Gauss-Seidel sweep over each strip of rows, which changes x in place.
+
+    Args:
+        rows: n matrix rows of the flowing nodes, in N/m.
+        inverses: (n, 3, 3) inverses of the diagonal blocks, in m/N.
+        right: (nodes, 3) right-hand side: forces on all nodes, in N.
+        x: (n, 3) displacements of the flowing nodes, in m.
+        ascending: whether rows are visited in ascending order.
+        strips: (s, 2) first row and stop row of each strip.
+    """
     count = rows.nodes.size
     for first, stop in strips:
         for k in range(stop - first):
@@ -340,9 +407,15 @@ def _sweep(rows, inverses, right, x, ascending, strips):
 
 @compiled
 def _multiply(rows, x, force, strips):
-    """Add K x to the force (nodes, 3), in place.
+    """Add the tangent times the flowing nodes' displacements to the forces, in place.
 
     The rows of nodes that do not flow get the transposed blocks of their neighbours.
+
+    Args:
+        rows: n matrix rows of the flowing nodes, in N/m.
+        x: (n, 3) displacements of the flowing nodes, in m.
+        force: (nodes, 3) in N, which is changed.
+        strips: (s, 2) first row and stop row of each strip.
     """
     count = rows.nodes.size
     for first, stop in strips:

@@ -128,7 +128,14 @@ def mesh_of(
 
 
 def close_periods(field: NDArray[Any]) -> NDArray[Any]:
-    """Return a (..., nx, ny) field with its first row and column copied to the end."""
+    """Return a field with its first row and column along x and y copied to the end.
+
+    Args:
+        field: (..., nx, ny) of any type.
+
+    Returns:
+        (..., nx + 1, ny + 1) new array.
+    """
     unchanged = [(0, 0)] * (field.ndim - 2)
     return np.pad(field, [*unchanged, (0, 1), (0, 1)], mode="wrap")
 
@@ -178,7 +185,16 @@ def write_step(
 
 
 def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
-    """Return the top of the body's mesh, with the contact's fields."""
+    """Return the top of the body as a `meshio.Mesh` of quadrilaterals.
+
+    Its points have contact pressure (Pa), gap (m), state, displacement (m), and the
+    plastic displacement (m) of a capped body.
+
+    Args:
+        body: mesh of the body from `mesh_of`, with displacements.
+        problem: the finite-element problem.
+        point: of the load path.
+    """
     import meshio
 
     top = body.point_sets["top"]
@@ -201,7 +217,15 @@ def _top_of(body: Any, problem: Problem, point: PathPoint) -> Any:
 def _write_grid(mesh: Any, field_data: Mapping[str, str | float], path: str) -> None:
     """Write a mesh with units and field data, which meshio cannot write.
 
-    VTK's own writer is used because pyvista's crashes on a full disk.  Raises OSError.
+    VTK's own writer is used because pyvista's crashes on a full disk.
+
+    Args:
+        mesh: a `meshio.Mesh`, whose data have their units in `UNITS`.
+        field_data: values that describe the complete file, by name.
+        path: of the .vtu file.
+
+    Raises:
+        OSError: VTK could not write the complete file.
     """
     import pyvista as pv
     from vtkmodules.vtkCommonCore import vtkDataArray
@@ -230,7 +254,16 @@ def _write_grid(mesh: Any, field_data: Mapping[str, str | float], path: str) -> 
 def _data(
     problem: Problem, state: State, history: History | None
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Return the data of the block's nodes and of its elements, by name."""
+    """Return the data of the block's nodes and of its elements, by name.
+
+    Both have `stress` (Pa), `von_mises` (Pa) and `equivalent_plastic_strain`; the nodes
+    also have the `displacement` (m).
+
+    Args:
+        problem: the finite-element problem.
+        state: state with the displacements.
+        history: plastic strains of the elements at this state, or None.
+    """
     bricks = problem.bricks
     if not problem.plastic:
         history = None
@@ -254,7 +287,11 @@ def _data(
 
 
 def _named(values: FloatArray) -> dict[str, FloatArray]:
-    """Return columns (..., 7) of stresses and plastic strain by name."""
+    """Return stresses, their von Mises norm and the plastic strain by name.
+
+    Args:
+        values: (n, 7): stresses xx, yy, zz, xy, yz, zx in Pa, and the plastic strain.
+    """
     stress = values[:, :6]
     return {
         "stress": stress,
@@ -264,7 +301,11 @@ def _named(values: FloatArray) -> dict[str, FloatArray]:
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
-    """Return the von Mises norm of stresses (..., 6), as xx, yy, zz, xy, yz, zx."""
+    """Return the (...) von Mises norm of stresses, in Pa.
+
+    Args:
+        stress: (..., 6) components xx, yy, zz, xy, yz, zx, in Pa.
+    """
     xx, yy, zz, xy, yz, zx = np.moveaxis(stress, -1, 0)
     normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
     return np.asarray(np.sqrt(normal / 2 + 3 * (xy**2 + yz**2 + zx**2)))

@@ -41,6 +41,12 @@ class Workers:
     """
 
     def __init__(self, threads: int = 1, min_elements: int = MIN_ELEMENTS) -> None:
+        """Start the pool of threads.
+
+        Args:
+            threads: number of threads, the caller's included.
+            min_elements: fewest elements (or equivalent work) that a thread gets.
+        """
         self.threads = threads
         self.min_elements = min_elements
         self._pool: ThreadPoolExecutor | None = None
@@ -55,6 +61,8 @@ class Workers:
         work: float = 1.0,
     ) -> None:
         """Call `task` with parts of the ranges until all ranges are done.
+
+        An error that a task raises in any thread is raised here.
 
         Args:
             task: is called with an (r, 2) array of ranges, in any order and in several
@@ -79,9 +87,9 @@ class Workers:
 
 
 def split_range(count: int, length: int) -> NDArray[np.int64]:
-    """Return (r, 2) ranges of one length that cover 0 to `count`.
+    """Return an (r, 2) array with the first index and the stop index of r ranges.
 
-    The last range may be shorter.
+    The ranges cover 0 to `count`.  Each is `length` long; the last may be shorter.
     """
     if count <= length:  # a tenth of the time of what follows, for small fields
         return np.array([[0, count]])
@@ -95,6 +103,15 @@ SERIAL = Workers()
 
 @compiled
 def _dot(a, b, sums, ranges):
+    """Write the partial sums of the products of two vectors of one length.
+
+    Args:
+        a: (n,) first vector.
+        b: (n,) second vector.
+        sums: receives at index k the sum over the k-th range of `_RANGE_LENGTH`
+            entries.
+        ranges: (r, 2) first index and stop index of the ranges to sum.
+    """
     for first, stop in ranges:
         total = 0.0
         for i in range(first, stop):
@@ -104,23 +121,39 @@ def _dot(a, b, sums, ranges):
 
 @compiled
 def _axpy(y, scale, x, ranges):
+    """Set y (n,) to y + scale x in place, over consecutive ranges (r, 2) of entries."""
     for i in range(ranges[0, 0], ranges[-1, 1]):
         y[i] += scale * x[i]
 
 
 @compiled
 def _xpay(p, scale, z, ranges):
+    """Set p (n,) to z + scale p in place, over consecutive ranges (r, 2) of entries."""
     for i in range(ranges[0, 0], ranges[-1, 1]):
         p[i] = z[i] + scale * p[i]
 
 
 def _run_by_entries(workers: Workers, task: Callable[..., Any], count: int) -> None:
-    """Call `task` with ranges of a vector's entries."""
+    """Call `task` with ranges of a vector's entries, in several threads.
+
+    Args:
+        workers: the threads.
+        task: called with (r, 2) first index and stop index of ranges.
+        count: number of entries of the vector.
+    """
     workers.run(task, split_range(count, _RANGE_LENGTH), work=_ENTRY_WORK)
 
 
 def dot(a: FloatArray, b: FloatArray, workers: Workers = SERIAL) -> float:
-    """Return the sum of the products of two arrays of one shape."""
+    """Return the sum of the products of two arrays of one shape, as a float.
+
+    The result has the same bits on any number of threads.
+
+    Args:
+        a: any shape, in any unit.
+        b: of the same shape.
+        workers: threads that share the work.
+    """
     sums = np.zeros(a.size // _RANGE_LENGTH + 1)
     task = partial(_dot, np.ravel(a), np.ravel(b), sums)
     _run_by_entries(workers, task, a.size)
@@ -128,17 +161,34 @@ def dot(a: FloatArray, b: FloatArray, workers: Workers = SERIAL) -> float:
 
 
 def norm(a: FloatArray, workers: Workers = SERIAL) -> float:
-    """Return the Euclidean norm of an array of any shape."""
+    """Return the Euclidean norm of an array of any shape, in its unit.
+
+    `workers` are threads that share the work.
+    """
     return math.sqrt(dot(a, a, workers))
 
 
 def axpy(y: FloatArray, scale: float, x: FloatArray, workers: Workers = SERIAL) -> None:
-    """Set y to y + scale x, in place."""
+    """Set y to y + scale x, in place.
+
+    Args:
+        y: contiguous array of any shape, which is changed.
+        scale: a number.
+        x: array of the shape of y.
+        workers: threads that share the work.
+    """
     task = partial(_axpy, y.reshape(-1), scale, x.reshape(-1))
     _run_by_entries(workers, task, y.size)
 
 
 def xpay(p: FloatArray, scale: float, z: FloatArray, workers: Workers = SERIAL) -> None:
-    """Set p to z + scale p, in place."""
+    """Set p to z + scale p, in place.
+
+    Args:
+        p: contiguous array of any shape, which is changed.
+        scale: a number.
+        z: array of the shape of p.
+        workers: threads that share the work.
+    """
     task = partial(_xpay, p.reshape(-1), scale, z.reshape(-1))
     _run_by_entries(workers, task, p.size)
