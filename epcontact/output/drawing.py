@@ -96,7 +96,16 @@ def draw(
 
 
 def _plotter(size: tuple[int, int] | None) -> Any:
-    """Return a white window with two panels, off the screen if it has a size."""
+    """Return an empty white window of pyvista with two panels side by side.
+
+    Args:
+        size: width and height in pixels of a picture that is drawn off the screen;
+            None: a window on the screen.
+
+    Raises:
+        OutputError: if VTK cannot draw on this machine, or if a window is asked for and
+            there is no display.
+    """
     plotter = pv.Plotter(
         off_screen=size is not None, window_size=size, shape=(1, 2), border=False
     )
@@ -115,7 +124,14 @@ def _plotter(size: tuple[int, int] | None) -> Any:
 
 
 def _picture(plotter: Any) -> Image.Image:
-    """Return what was drawn, and close the plotter."""
+    """Return what was drawn off the screen as an image, and close the window.
+
+    Args:
+        plotter: the window of pyvista.
+
+    Raises:
+        OutputError: if all pixels are equal, because VTK has drawn nothing.
+    """
     pixels = np.asarray(plotter.screenshot(None, return_img=True))
     plotter.close()
     if np.ptp(pixels) == 0:
@@ -124,7 +140,7 @@ def _picture(plotter: Any) -> Image.Image:
 
 
 def round_factor(drawn: float, length: float) -> float:
-    """Return the factor by which a length is drawn, a round number.
+    """Return a round number by which a length is stretched in a picture.
 
     Args:
         drawn: the length that would be well visible.
@@ -149,8 +165,18 @@ def round_factor(drawn: float, length: float) -> float:
 
 
 def surface_scale(file: FieldFile) -> tuple[float, Limits]:
-    """Return a factor that shows typical valleys, and the end of the pressure's scale
-    (Pa).
+    """Return how a surface in contact is drawn if the user does not say it.
+
+    Args:
+        file: the fields of the surface, with gap (m) and pressure (Pa).
+
+    Returns:
+        The dimensionless factor that stretches heights so that typical valleys are
+        visible, and a tuple with the pressure (Pa) at which the colour scale ends: the
+        hardness, or the largest pressure of a body without hardness.
+
+    Raises:
+        OutputError: if the file lacks one of the two fields.
     """
     depth = float(np.quantile(file.field("gap")[::4], _TYPICAL_DEPTH))
     largest = file.hardness
@@ -160,13 +186,15 @@ def surface_scale(file: FieldFile) -> tuple[float, Limits]:
 
 
 def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -> None:
-    """Draw contact state and pressure on the deformed surface, under the flat at z = 0.
+    """Draw contact state and pressure on the deformed surface, side by side.
+
+    The rigid flat is at z = 0, above the surface.
 
     Args:
         plotter: the window of pyvista.
-        file: the fields of the surface.
-        factor: stretches the heights.
-        limits: the end of the pressure's scale (Pa).
+        file: the fields of the surface: state, pressure (Pa) and gap (m).
+        factor: the dimensionless number by which heights are stretched.
+        limits: one number, the pressure (Pa) at which the colour scale ends.
     """
     scale, unit = unit_for(max(file.periods), "m")
     pressure_scale, pressure_unit = unit_for(limits[0], "Pa")
@@ -222,19 +250,27 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
 def _surface_mesh(
     file: FieldFile, factor: float, scale: float, pressure_scale: float
 ) -> Any:
-    """Return the deformed surface with state and pressure.
+    """Return the deformed surface as a mesh of pyvista with state and pressure.
 
     Args:
-        file: the fields of the surface.
-        factor: stretches the heights.
+        file: the fields of the surface: state, pressure (Pa) and gap (m).
+        factor: the dimensionless number by which heights are stretched.
         scale: lengths are divided by this number (m).
         pressure_scale: pressures are divided by this number (Pa).
     """
     stride = max(1, -(-max(file.shape) // POINTS))
 
     def drawn(name: str, kind: type) -> np.ndarray:
+        """Return a field [x, y] of the file at the points that are drawn.
+
+        The first row and the first column follow once more after the last ones.
+
+        Args:
+            name: the name of the field.
+            kind: the type of the numbers, such as np.float64.
+        """
         field: np.ndarray = np.asarray(file.field(name)[::stride, ::stride], dtype=kind)
-        return np.pad(field, (0, 1), mode="wrap")  # the first points follow once more
+        return np.pad(field, (0, 1), mode="wrap")
 
     gap = drawn("gap", np.float64)
     pressure = drawn("pressure", np.float64)
@@ -255,7 +291,12 @@ def _surface_mesh(
 
 
 def _look_down(plotter: Any, mesh: Any) -> None:
-    """Draw the frame of the rigid flat, with camera and light above the near corner."""
+    """Draw the edges of the rigid flat, and set camera and light above a near corner.
+
+    Args:
+        plotter: the window of pyvista, whose active panel is changed.
+        mesh: the surface, in the unit of the drawing; the flat is at z = 0 over it.
+    """
     x0, x1, y0, y1, *_ = mesh.bounds
     corners = [[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]]
     frame = pv.lines_from_points(np.array(corners))
@@ -285,7 +326,7 @@ def _look_down(plotter: Any, mesh: Any) -> None:
 
 
 def read_block(source: Path) -> Any:
-    """Return the mesh of a .vtu.
+    """Return the mesh of a .vtu file as a data set of pyvista.
 
     Raises:
         OutputError: if the file cannot be read, is damaged, or holds neither stress nor
@@ -305,10 +346,15 @@ def read_block(source: Path) -> Any:
 
 
 def _field_names(mesh: Any) -> tuple[str, str, str]:
-    """Return the names of displacement, von Mises stress and plastic strain.
+    """Return the names of the three fields of a mesh that are drawn.
 
-    For a surface mesh without stress and strain they are the displacement, the contact
-    pressure and the gap.  A name is "" if the mesh has no such field.
+    Args:
+        mesh: a data set of pyvista with fields at points or cells.
+
+    Returns:
+        The names of displacement, von Mises stress and plastic strain.  For a mesh with
+        the fields "contact_pressure" and "gap" but without stress and strain, these two
+        are the second and the third.  A name is "" if the mesh has no such field.
     """
     displacement, stress, strain = "", "", ""
     points = mesh.point_data
@@ -328,8 +374,16 @@ def _field_names(mesh: Any) -> tuple[str, str, str]:
 
 
 def block_scale(mesh: Any) -> tuple[float, Limits]:
-    """Return a factor that shows the deformation of a block, and the largest stress
-    (Pa) and plastic strain.
+    """Return how a finite-element block is drawn if the user does not say it.
+
+    Args:
+        mesh: the block, a data set of pyvista.
+
+    Returns:
+        The dimensionless factor that stretches displacements so that they are visible,
+        and a tuple of the largest stress (Pa) and the largest plastic strain; for a
+        surface mesh, of the largest contact pressure (Pa) and gap (m).  A maximum is 0
+        if the mesh has no such field.
     """
     displacement, *scalars = _field_names(mesh)
     limits = []
@@ -351,9 +405,10 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
 
     Args:
         plotter: the window of pyvista.
-        mesh: the block, or a surface mesh, which is drawn as it is.
-        factor: stretches the displacements.
-        limits: the ends of the scales of stress (Pa) and strain.
+        mesh: the block, a data set of pyvista; a mesh of faces is drawn without a cut.
+        factor: the dimensionless number by which displacements are stretched.
+        limits: the stress (Pa) and the strain at which the colour scales end; of a mesh
+            with contact pressure and gap, the pressure (Pa) and the gap (m).
     """
     displacement, stress, strain = _field_names(mesh)
     stress_title, strain_title = "von Mises stress", "equivalent plastic strain"
@@ -415,7 +470,14 @@ def draw_block(plotter: Any, mesh: Any, factor: float, limits: Limits) -> None:
 
 
 def _cells_behind_cut(mesh: Any) -> np.ndarray:
-    """Return the indices of the cells of a block without its front quarter."""
+    """Return the indices of the cells of a block that remain after the cut.
+
+    The cut removes the quarter in front: the cells whose centres are below the middle
+    of the block along both x and y.
+
+    Args:
+        mesh: the block, a data set of pyvista.
+    """
     x0, x1, y0, y1, *_ = mesh.bounds
     centres = np.asarray(mesh.cell_centers().points)
     # The shift keeps whole elements on the cut despite rounding.
@@ -429,7 +491,15 @@ def _cells_behind_cut(mesh: Any) -> np.ndarray:
 
 
 def _colour_bar(title: str) -> dict[str, Any]:
-    """Return the settings of a colour bar below the picture."""
+    """Return the settings of a colour bar at the lower edge of a panel.
+
+    Args:
+        title: the title of the bar: quantity and unit.
+
+    Returns:
+        Keywords of pyvista's `Plotter.add_scalar_bar`; lengths are fractions of the
+        panel and font sizes are in points.
+    """
     return {
         "title": f"{title}\n",
         "n_labels": 4,
@@ -449,8 +519,8 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
 
     Args:
         plotter: the window of pyvista.
-        bounds: the bounds of the body, in the unit.
-        unit: the unit of lengths.
+        bounds: the bounds of the body (x, x, y, y, z, z), in the unit.
+        unit: the unit of lengths, such as "mm", for the titles of the axes.
         axes: the axes that are drawn, such as "xy"; stretched heights have no axis.
     """
     unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
@@ -471,13 +541,13 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
 def _frame_view(
     plotter: Any, bounds: Any, towards: Sequence[float], zoom: float
 ) -> None:
-    """Look at the middle of a body, with room for a colour bar below.
+    """Point the camera at the middle of a body, with room for a colour bar below.
 
     Args:
-        plotter: the window of pyvista.
-        bounds: the bounds of the body.
-        towards: the direction from the middle of the body to the camera.
-        zoom: more than 1 brings the body nearer.
+        plotter: the window of pyvista, whose active panel is changed.
+        bounds: the bounds of the body (x, x, y, y, z, z), in the unit of the drawing.
+        towards: the direction (x, y, z) from the middle of the body to the camera.
+        zoom: a dimensionless factor; more than 1 shows the body larger.
     """
     middle = (np.asarray(bounds[0::2]) + np.asarray(bounds[1::2])) / 2
     position = tuple(middle + np.asarray(towards))

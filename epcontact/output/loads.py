@@ -1,9 +1,8 @@
 """The loads of a path as a table of texts, from the rows of a method's JSON file.
 
-A row has a branch ("loading",
-"unloading" or "reloading") and, by the names of COLUMNS, a mean over the surfaces, its
-error and the parts of the error by their sources.  The error is None if it is not
-known.
+A row has a branch ("loading", "unloading" or "reloading") and, by the names of COLUMNS,
+a mean over the surfaces, its error and the parts of the error by their sources.  The
+error is None if it is not known.
 """
 
 from __future__ import annotations
@@ -22,15 +21,18 @@ Row = Mapping[str, Any]
 def load_cells(
     rows: Sequence[Row], units: Mapping[str, str] = COLUMNS
 ) -> list[list[str]]:
-    """Return the loads as a table of texts.
+    """Return the results at each load as the texts of a table.
 
     Args:
-        rows: one row for each load.
-        units: the units of the columns, by name; a column that no row has is left out.
+        rows: one row for each load: its branch and, for each quantity by its name, the
+            "mean" and the "error" in SI units and the "parts" of the error.
+        units: the SI unit of each quantity that may be a column, by name, "" for a
+            fraction; a quantity that no row has gets no column.
 
     Returns:
-        The headings, and a list of texts for each row.  Each column has a prefixed unit
-        that suits its largest value.
+        The list of headings, and after it a list of texts for each row.  Each column
+        has a prefixed unit that suits its largest value.  The last column has the
+        error of the total area by sources.
     """
     scales = {}
     headings = ["branch"]
@@ -52,13 +54,16 @@ def load_cells(
 
 
 def column_unit(values: Sequence[float], unit: str) -> tuple[float, str]:
-    """Return the scale and the name of the prefixed unit that suit a column.
+    """Return the prefixed unit that suits the values of a column.
 
     Fractions and conductances times resistivity (1/m) keep their unit.
 
     Args:
-        values: the values of the column in the unit; some may not be finite.
-        unit: the unit of COLUMNS.
+        values: the values of the column in `unit`; some may not be finite.
+        unit: the SI unit of the column, "" for a fraction.
+
+    Returns:
+        The number by which the values are divided, and the prefixed unit.
     """
     if unit in ("", "1/m"):
         return 1.0, unit
@@ -67,7 +72,13 @@ def column_unit(values: Sequence[float], unit: str) -> tuple[float, str]:
 
 
 def _cell(entry: Row | None, scale: float) -> str:
-    """Return a mean with its error as text, both divided by the scale of the column."""
+    """Return a mean with its error as text, such as "1.25 ± 0.03".
+
+    Args:
+        entry: a dictionary with "mean" and "error" in an SI unit; the error is left out
+            if it is 0 or None.  An entry of None gives "–".
+        scale: mean and error are divided by this number.
+    """
     if entry is None:
         return "–"
     mean = float(entry["mean"] or 0) / scale

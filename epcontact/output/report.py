@@ -52,7 +52,8 @@ def report_folder(
 ) -> Path:
     """Draw the pictures of a verification and write its page.
 
-    Nothing outside of the folder is read or written but the page, if `path` says so.
+    No file outside of the folder is read.  The page is the only file that may be
+    written outside of it, if `path` leads there.
 
     Args:
         folder: the output folder of the verification.
@@ -149,7 +150,8 @@ def number_text(value: Any, digits: int = 4) -> str:
         digits: the number of significant digits.
 
     Returns:
-        The number; "–" for NaN, "" for a missing value, and any other text unchanged.
+        The number with these digits; "–" for NaN, "" for None, and a text that is no
+        number unchanged.
     """
     try:
         number = float(value)
@@ -195,17 +197,28 @@ def value_text(value: Any, unit: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    """Return a text with a capital letter and a full stop."""
+    """Return a text as a sentence: with a capital letter and one full stop."""
     return f"{text[:1].upper()}{text[1:].rstrip('. ')}."
 
 
 def _listed(values: Data) -> str:
-    """Return names and values in one line."""
+    """Return names and values in one line, such as "numpy 2.3, scipy 1.16".
+
+    Args:
+        values: words or numbers by their names.
+    """
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
-    """Return names and numbers in one line, without some of them."""
+    """Return names and numbers in one line, such as "fft pairs 120, seconds 0.5".
+
+    Args:
+        values: numbers by their names, in any unit.  Underscores in names become
+            spaces.
+        digits: the number of significant digits.
+        without: the names that are left out.
+    """
     texts = [
         f"{name.replace('_', ' ')} {number_text(value, digits)}"
         for name, value in values.items()
@@ -215,9 +228,16 @@ def _counts(values: Data, digits: int, without: Sequence[str] = ()) -> str:
 
 
 def _scene_rows(results: Mapping[str, Data]) -> list[dict[str, Any]]:
-    """Return the scene that the methods solved, one row for each value.
+    """Return the description of the scene that the methods solved, for a table.
 
-    A row has the `name`, the `value`, its `meaning` and its text as `shown`.
+    Args:
+        results: the content of the JSON file of each method, by the methods' names.
+            The first one that describes its scene is used.
+
+    Returns:
+        A row for each value: a dictionary with its `name`, the `value`, its `meaning`
+        and, as `shown`, its text with a unit.  A last row lists the surfaces if there
+        are several.
     """
     rows: list[dict[str, Any]] = []
     for result in results.values():
@@ -238,7 +258,12 @@ def _scene_rows(results: Mapping[str, Data]) -> list[dict[str, Any]]:
 
 
 def _notes(results: Mapping[str, Data]) -> list[str]:
-    """Return each note of the methods once, with the methods that gave it."""
+    """Return a sentence for each note of the methods, with the methods that gave it.
+
+    Args:
+        results: the content of the JSON file of each method, by the methods' names.
+            The notes of all its surfaces are read; equal notes become one sentence.
+    """
     methods_by_note: dict[str, dict[str, None]] = {}
     for method, result in results.items():
         for member in result["members"]:
@@ -251,8 +276,19 @@ def _notes(results: Mapping[str, Data]) -> list[str]:
 
 
 def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
-    """Return the data and the captions of pictures, of the kind .svg if there are
-    several.
+    """Return the pictures of a case with their captions, for the page.
+
+    Args:
+        folder: the folder of the pictures.
+        names: the names of the pictures without endings.  Of a picture that has several
+            files, .svg is taken before .png and .png before .gif.
+
+    Returns:
+        For each picture that has a file: its content as a data `uri`, and its
+        `caption`, in the alphabetical order of the names.
+
+    Raises:
+        OutputError: if a file cannot be read.
     """
     pictures = []
     for caption_file in sorted(folder / f"{name}.txt" for name in names):
@@ -268,7 +304,10 @@ def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
 
 
 def _read_json(path: Path) -> Any:
-    """Return the content of a JSON file.  Raises OutputError."""
+    """Return the content of a JSON file.
+
+    Raises OutputError if the file cannot be read or is not JSON.
+    """
     try:
         return json.loads(read_bytes(path))
     except (ValueError, RecursionError):

@@ -43,10 +43,12 @@ def screenshot(
     block (.vtu) cut open, with von Mises stress beside plastic strain.
 
     Args:
-        result: the file, see the module.
+        result: a .vti, .vtu or .pvd file, or a method's .json with such a file beside
+            it.
         picture: the PNG to write.
-        factor: stretches the heights or displacements; None: by a round number that
-            makes them visible.  The picture states it.
+        factor: the dimensionless number by which heights or displacements are
+            stretched; None: a round number that makes them visible.  The picture states
+            it.
         size: width and height of the picture in pixels.
 
     Raises:
@@ -59,9 +61,17 @@ def screenshot(
 
 
 def show(result: Path | str, *, factor: float | None = None) -> None:
-    """Open a result file in a window and return when it is closed.
+    """Open a result file in a window and return when the window is closed.
 
-    The arguments and the errors are those of `screenshot`.
+    Args:
+        result: a .vti, .vtu or .pvd file, or a method's .json with such a file beside
+            it.
+        factor: the dimensionless number by which heights or displacements are
+            stretched; None: a round number that makes them visible.
+
+    Raises:
+        OutputError: if the file cannot be read or drawn, if it holds a line, or if
+            there is no display.
     """
     _draw([find_result(result)], None, factor)
 
@@ -71,7 +81,8 @@ def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
     difference.
 
     Args:
-        first, second: files of fields on the same grid, see the module.
+        first, second: .vti files with the pressure (Pa) on the same grid, or methods'
+            .json files with such files beside them.
         picture: the PNG to write.
 
     Raises:
@@ -96,7 +107,10 @@ def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
 
 
 def _method_of(file: FieldFile) -> str:
-    """Return the name of the method of a file in capitals, "?" if it states none."""
+    """Return the name of the method that a file of fields states, in capitals.
+
+    The name is "?" if the file states no method.
+    """
     return str(file.attributes.get("method", "?")).upper()
 
 
@@ -113,8 +127,9 @@ def animate(
     Args:
         results: one .pvd, or the files of the steps in their order.
         film: a .gif or, with imageio and imageio-ffmpeg (the extra `films`), an .mp4.
-        factor: stretches the heights or displacements; None: by a round number that
-            makes them visible at all steps.  The film states it.
+        factor: the dimensionless number by which heights or displacements are
+            stretched; None: a round number that makes them visible at all steps.  The
+            film states it.
         frames_per_second: load steps for each second of the film.
         size: width and height of the film in pixels.
 
@@ -138,8 +153,9 @@ def animate(
 def find_result(path: Path | str) -> Path:
     """Return the file of fields that `path` stands for.
 
-    It is the path itself for a .vti or .vtu, the last step of a .pvd, and the file
-    beside a method's .json; if there are several surfaces, the file of the first one.
+    The file is the path itself for a .vti or .vtu, the last load step of a .pvd, and
+    the file of fields beside a method's .json.  If the method has solved several
+    surfaces, the file is that of the first one.
 
     Raises:
         OutputError: if there is no such file, or if it is of another kind.
@@ -148,7 +164,16 @@ def find_result(path: Path | str) -> Path:
 
 
 def _steps(path: Path | str) -> list[Path]:
-    """Return the files of fields that `path` stands for, in the order of the loads."""
+    """Return the files of fields that a path stands for, in the order of the loads.
+
+    Args:
+        path: a .vti or .vtu file, which stands for itself; a .pvd, which stands for its
+            load steps; or a method's .json, which stands for the fields beside it.
+
+    Raises:
+        OutputError: if there is no such file, if it is of another kind, or if no fields
+            are beside a .json.
+    """
     given = Path(path)
     if not given.exists():
         raise OutputError(f"cannot read {path}: there is no such file")
@@ -192,14 +217,18 @@ def load_steps(collection: Path | str) -> list[Path]:
 
 
 def _time_of(entry: ET.Element) -> float:
-    """Return the time of an entry of a collection."""
+    """Return the attribute `timestep` of an entry of a .pvd collection; 0 without it.
+
+    Raises ValueError if the attribute is no number.
+    """
     return float(entry.get("timestep", "0"))
 
 
 def _is_line(source: Path) -> bool:
-    """Return whether a file holds a line.
+    """Return whether a result file holds a line: a .vti with points along x only.
 
-    Only its head is read, because the fields may be large.
+    Only the first 512 bytes are read, because the fields may be large.  Raises
+    OutputError if the file cannot be read.
     """
     if source.suffix != ".vti":
         return False
@@ -208,7 +237,13 @@ def _is_line(source: Path) -> bool:
 
 
 def _require_ending(path: Path | str, what: str, *endings: str) -> None:
-    """Raise OutputError if the name of a file to write has none of the endings."""
+    """Raise OutputError if the name of a file to write has none of the endings.
+
+    Args:
+        path: the file to write.
+        what: what the file is, such as "a film", for the message.
+        endings: the endings that are allowed, in lower case with their dots.
+    """
     if Path(path).suffix.lower() not in endings:
         raise OutputError(
             f"cannot write {path}: {what} must be named {' or '.join(endings)}"
@@ -218,9 +253,22 @@ def _require_ending(path: Path | str, what: str, *endings: str) -> None:
 def _draw(
     sources: Sequence[Path], size: Size | None, factor: float | None
 ) -> list[Image.Image]:
-    """Draw files, each to a picture; without a size, in a window.
+    """Draw result files, each to a picture, or show them in windows.
 
     Lines are drawn by matplotlib, everything else by pyvista.
+
+    Args:
+        sources: .vti or .vtu files, all of one kind.
+        size: width and height of the pictures in pixels; None: windows.
+        factor: the dimensionless number by which heights or displacements are
+            stretched; None: a round number that makes them visible.
+
+    Returns:
+        A picture for each file; none if they were shown in windows.
+
+    Raises:
+        OutputError: if a file cannot be read or drawn, or if a line is to be shown in a
+            window, with a factor, or together with surfaces.
     """
     lines = [source for source in sources if _is_line(source)]
     if not lines:
@@ -241,8 +289,15 @@ def _draw(
 def _write_gif(
     path: Path, frames: Sequence[Image.Image], frames_per_second: float
 ) -> None:
-    """Write a GIF with one palette: with one for each frame, what does not move would
-    flicker.
+    """Write pictures as an endless GIF.
+
+    All frames have one palette of 256 colours.  With a palette for each frame, parts of
+    the picture that do not move would flicker.
+
+    Args:
+        path: the file to write.
+        frames: pictures of one size.
+        frames_per_second: how many pictures are shown in a second.
     """
     from PIL import Image
 
@@ -261,7 +316,17 @@ def _write_gif(
 def _write_mp4(
     path: Path, frames: Sequence[Image.Image], frames_per_second: float
 ) -> None:
-    """Write an MP4; the codec needs an even width and height."""
+    """Write pictures as an MP4.
+
+    Args:
+        path: the file to write.
+        frames: pictures of one size.  The codec needs an even width and height, so that
+            an odd last row or column of pixels is cut off.
+        frames_per_second: how many pictures are shown in a second.
+
+    Raises:
+        OutputError: if the packages imageio and imageio-ffmpeg are not installed.
+    """
     try:
         import imageio.v2
         import imageio_ffmpeg  # noqa: F401 - the plugin for .mp4

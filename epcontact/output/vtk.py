@@ -85,12 +85,16 @@ class FieldFile:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Grid points along each direction."""
+        """Number of grid points of the fields of this file along each direction."""
         return next(iter(self.fields.values())).shape
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """Lengths in m after which the fields repeat."""
+        """Lengths along each direction, in m, after which the fields of this file
+        repeat.
+
+        A period is the number of grid points times their spacing.
+        """
         return tuple(n * d for n, d in zip(self.shape, self.spacing, strict=True))
 
     @property
@@ -100,7 +104,14 @@ class FieldFile:
         return hardness if isinstance(hardness, float) else math.inf
 
     def field(self, name: str) -> NDArray[Any]:
-        """Return the field called `name`.  Raises OutputError if the file has none."""
+        """Return one field of this file, [x, y] of a surface or [x] of a line.
+
+        Args:
+            name: the name of the field, such as "pressure", which is in Pa.
+
+        Raises:
+            OutputError: if the file has no field of this name.
+        """
         if name not in self.fields:
             names = ", ".join(sorted(self.fields))
             raise OutputError(f"{self.source} holds no field {name}, only {names}")
@@ -124,7 +135,7 @@ def write_fields(
         surface: the surface, which gives the spacing and, if the result has none, the
             heights.
         attributes: more field data, by name.
-        precision: of the numbers of the fields.
+        precision: "single" (32 bits) or "double" (64 bits) for the fields.
         units: units of the attributes, by name.
 
     Raises:
@@ -168,7 +179,8 @@ def write_image(
         fields: arrays [x, y] or [x] of one shape, by name.
         spacing: distance of neighbouring points along each direction, in m.
         attributes: the field data, by name.
-        precision: of the numbers of the fields; state and filled have 8-bit integers.
+        precision: "single" (32 bits) or "double" (64 bits) for the fields, except state
+            and filled, which are stored as 8-bit integers.
         units: units of fields and attributes beside UNITS, by name.
 
     Raises:
@@ -217,7 +229,7 @@ def write_image(
 
 
 def read_fields(path: Path | str) -> FieldFile:
-    """Read a .vti file of this or another program.
+    """Return the fields and the field data of a .vti file of this or another program.
 
     Raises:
         OutputError: if the file cannot be read, is no .vti file, is damaged, or holds
@@ -250,7 +262,7 @@ def read_fields(path: Path | str) -> FieldFile:
 
 
 def read_quietly(path: Path | str, reader: str) -> Any:
-    """Read a file with VTK's reader, without VTK's complaints on the terminal.
+    """Return what VTK reads from a file, without VTK's messages on the terminal.
 
     Args:
         path: the file.
@@ -272,7 +284,11 @@ def read_quietly(path: Path | str, reader: str) -> Any:
 
 
 def _read_image(path: Path) -> Any:
-    """Return the image of a .vti file; None if it is damaged or has no point data."""
+    """Return the content of a .vti file as an image of pyvista.
+
+    It is None if the file is damaged or has no point data.  Raises OSError if the file
+    cannot be opened.
+    """
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 64))
         # VTK takes numbers that are missing at the end of a file for zeros.
@@ -288,8 +304,15 @@ def _read_image(path: Path) -> Any:
 
 
 def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
-    """Return the field data of a result: the quantities of its last load step and its
-    provenance.
+    """Return what a .vti file states about a result, beside its fields.
+
+    Args:
+        result: the result of a method.
+
+    Returns:
+        Texts and numbers by name: method, convergence, scene, mean pressure (Pa), and
+        the areas, residuals, iterations and quantities of the last load step (names
+        such as "area.total.raw" and "quantity.mean_gap"), versions and options.
     """
     final = result.final
     provenance = result.provenance
@@ -328,7 +351,15 @@ def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
 
 
 def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
-    """Return gap + heights - displacement (m) if it is one number, otherwise None."""
+    """Return the height of the rigid flat in m: gap + heights - displacement.
+
+    Args:
+        fields: arrays of one shape, (nx, ny) or (nx,), in m, by name.
+
+    Returns:
+        The height; None if gap or displacement is missing, if a value is NaN, or if the
+        height is not the same at all points up to the rounding of a 32-bit number.
+    """
     if not {"gap", "displacement"} <= fields.keys():
         return None
     names = ("gap", "heights", "displacement")
@@ -346,8 +377,10 @@ def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
 
 
 def _stored_value(value: Attribute) -> NDArray[Any]:
-    """Return an attribute as VTK stores it: a number, or the bytes of a string and a
-    zero.  An integer of more than 64 bits is stored as a string.
+    """Return an entry of the field data as the array that VTK stores.
+
+    A float becomes an array of one 64-bit float, and an integer of at most 64 bits an
+    array of one integer.  Anything else becomes the bytes of its text, ended by a zero.
     """
     if isinstance(value, float):
         return np.array([value], "<f8")
@@ -362,9 +395,16 @@ def _xml_head(
     spacing: tuple[float, ...],
     field_data: Mapping[str, NDArray[Any]],
 ) -> str:
-    """Return the XML before the numbers.
+    """Return the text of a .vti file that is before its numbers.
 
-    The numbers follow in the order of `field_data` and `planes`, each with its length.
+    The numbers must follow in the order of `field_data` and `planes`, each block of
+    them after its length in bytes.
+
+    Args:
+        planes: the fields (nx, ny) by name; ny is 1 for a line.
+        kinds: the type of the numbers of each field in the file, by name.
+        spacing: distance of neighbouring points along each direction, in m.
+        field_data: the entries of the field data as arrays, see `_stored_value`.
     """
     offset = 0
     field_elements = ""

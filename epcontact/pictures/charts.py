@@ -114,7 +114,13 @@ def charts_of_results(results: Results, hardness: float = math.inf) -> dict[str,
 def _longest_histories(results: Results) -> dict[str, np.ndarray]:
     """Return the longest history of residuals of each method that iterates.
 
-    The histories of all surfaces in one chart would hide each other.
+    One chart with the histories of all surfaces would be illegible.
+
+    Args:
+        results: the results of each method, by its name: one for each surface.
+
+    Returns:
+        The dimensionless residual after each iteration, shape (iterations,), by method.
     """
     histories = {}
     for method, each in results.items():
@@ -154,15 +160,28 @@ def theory_densities(results: Results, hardness: float) -> pd.DataFrame | None:
 
 
 def _curve(name: str, x: str, x_values: Any, y: str, y_values: Any) -> pd.DataFrame:
-    """Return a table of one series with the columns series, `x` and `y`."""
+    """Return a table of one curve of a chart.
+
+    Args:
+        name: the name of the curve, the value of the column "series".
+        x, y: the names of the two other columns, with units.
+        x_values, y_values: the numbers of these columns, shape (points,).
+    """
     return pd.DataFrame({"series": name, x: x_values, y: y_values})
 
 
 def spectrum_chart(surface: Surface) -> Chart | None:
-    """Draw Figure 2 of the paper: the spectrum of a surface, and the analytic spectrum
-    from which it was drawn, if there is one.
+    """Draw Figure 2 of the paper: the power spectrum of a surface or line.
 
-    Returns None for a surface of a few waves, because a few dots show no spectrum.
+    If the surface was generated from an analytic spectrum, that spectrum is a curve of
+    the chart.
+
+    Args:
+        surface: a surface or line with its heights.
+
+    Returns:
+        The chart over the wave number (rad/m); None if fewer than four wave numbers
+        have roughness, because a few dots show no spectrum.
     """
     spectrum = radial_spectrum(surface)
     drawn = spectrum.density > _NOISE * spectrum.density.max()
@@ -206,7 +225,12 @@ def magnification_chart(
         areas: the areas of the theory, fractions of the nominal area.
         bem_results: the results of the boundary elements; the means of their areas are
             points at the largest magnification.
-        energy_reduction: the gamma of the theory, for the caption.
+        energy_reduction: gamma, the dimensionless factor of the theory's elastic
+            energy, for the caption.
+
+    Returns:
+        The chart; its data have the columns series, magnification, area_fraction, low
+        and high.
     """
     parts = ("total", "elastic", "plastic")
     curves: dict[str, Any] = {part: getattr(areas, part) for part in parts}
@@ -246,5 +270,14 @@ def magnification_chart(
 
 
 def _by_part(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of areas by magnification with a row for each part of an area."""
+    """Return areas by magnification as a table with one area in a row.
+
+    Args:
+        table: a row for each magnification, with the columns "magnification", "total",
+            "elastic" and "plastic" (fractions of the nominal area).
+
+    Returns:
+        A table with the columns "magnification", "part" (the name of the area) and
+        "area_fraction".
+    """
     return table.melt(_MAGNIFICATION, var_name="part", value_name=_AREA)

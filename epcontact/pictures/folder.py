@@ -77,7 +77,15 @@ def draw_case(
 
 
 def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write arrays by their names as JSON."""
+    """Write the columns of a table to a JSON file.
+
+    Args:
+        path: the file to write.
+        columns: sequences of numbers, by name.
+
+    Raises:
+        OutputError: if the file cannot be written.
+    """
     write_json(path, {name: list(values) for name, values in columns.items()})
 
 
@@ -109,9 +117,20 @@ def draw_saved(case_id: str, contents: Mapping[str, Any], folder: Path) -> Pictu
 
 
 def _draw_results(results: Results, folder: Path) -> Pictures:
-    """Draw the pictures that need nothing but the results and their fields.
+    """Draw the pictures that need nothing but results and their fields.
 
-    The names also include the charts of the case and the films that are in the folder.
+    Pictures that an earlier run has drawn of other results are deleted.
+
+    Args:
+        results: the results of each method, by its name: one for each surface.
+        folder: the folder of the results, with the files of fields.
+
+    Returns:
+        The names of the pictures, and a sentence for each body that could not be drawn.
+        The names include the charts of the case and the films that the folder has.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
     """
     results = {method: each for method, each in results.items() if each}
     charts = charts_of_results(results)
@@ -137,7 +156,12 @@ def _draw_results(results: Results, folder: Path) -> Pictures:
 
 
 def _remove(names: set[str], folder: Path) -> None:
-    """Remove pictures that an earlier run has drawn of other results."""
+    """Delete pictures, whichever of their files exist.
+
+    Args:
+        names: the names of the pictures without endings.
+        folder: the folder of the pictures.
+    """
     for name in names:
         for ending in _ENDINGS:
             (folder / f"{name}{ending}").unlink(missing_ok=True)
@@ -201,13 +225,26 @@ def draw_films(folder: Path) -> Pictures:
 
 
 def _film_names(folder: Path) -> list[str]:
-    """Return the names of the load paths whose fields are in a folder."""
+    """Return the names of the load paths whose fields are in a folder, sorted.
+
+    A name is that of a subfolder such as "bem-steps" with a collection "path.pvd".
+    """
     return sorted(path.parent.name for path in folder.glob("*-steps/path.pvd"))
 
 
 def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
-    """Return maps of the contact of each method's first surface, and the differences
-    between methods on a common grid, by the names of their files.
+    """Return maps of the contact, and differences of pressures between methods.
+
+    Args:
+        folder: the folder of the results, with the files of fields.
+        methods: the names of the methods; of each, the first surface is drawn.
+
+    Returns:
+        The charts by name: "contact-METHOD", one "contact-METHOD-STEP" for each load
+        with fields, and "pressure-difference-A-B" for methods on one grid.
+
+    Raises:
+        OutputError: if a file cannot be read or lacks a field.
     """
     charts: dict[str, Chart] = {}
     files: dict[str, FieldFile] = {}
@@ -236,13 +273,20 @@ def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
 
 
 def _first_fields(folder: Path, method: str) -> Path | None:
-    """Return the fields of a method's only or first surface; None if it has none."""
+    """Return the path of the fields (.vti) of a method's only or first surface.
+
+    The path is None if the folder has no fields of the method.
+    """
     paths = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
     return next(filter(Path.is_file, paths), None)
 
 
 def _find_body(folder: Path, method: str) -> Path | None:
-    """Return the collection (.pvd) of a method's finite-element bodies, or None."""
+    """Return the path of the collection (.pvd) of a method's finite-element bodies.
+
+    The path is None if the folder has none.  Raises OutputError if a collection of the
+    method cannot be read.
+    """
     collections = [*folder.glob(f"{method}*.pvd"), *folder.glob(f"{method}*/*.pvd")]
     for collection in sorted(collections):
         if load_steps(collection)[0].suffix == ".vtu":
@@ -251,7 +295,19 @@ def _find_body(folder: Path, method: str) -> Path | None:
 
 
 def _draw_body(body: Path, method: str, folder: Path) -> str:
-    """Draw the body of a method, cut open, and return the name of the picture."""
+    """Draw a finite-element body at its last load, cut open, and write the caption.
+
+    Args:
+        body: the collection (.pvd) of the body's load steps.
+        method: the name of the method.
+        folder: the folder of the picture.
+
+    Returns:
+        The name of the picture without its ending, "body-METHOD".
+
+    Raises:
+        OutputError: if the body cannot be read or drawn, or a file not written.
+    """
     name = f"body-{method}"
     screenshot(body, folder / f"{name}.png", size=(1200, 600))
     view = "cut open at the last load: von Mises stress and plastic strain"

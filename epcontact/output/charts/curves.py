@@ -26,6 +26,8 @@ def pressure_distribution(
 ) -> Chart:
     """Draw Figure 5 of the paper: the probability density of the contact pressure.
 
+    Densities (1/Pa) are fractions of the nominal area per pressure.
+
     The delta functions at zero pressure and at the hardness cannot be drawn; the legend
     states the area at the hardness.
 
@@ -35,6 +37,14 @@ def pressure_distribution(
         hardness: the hardness in Pa, which is marked; infinite for none.
         theory: densities by formula, with the columns series, PRESSURE and DENSITY.  A
             series with the name of a method replaces the method's binned pressures.
+
+    Returns:
+        The chart; its data have the columns series, pressure_Pa, density_per_Pa and the
+        bounds of the density.
+
+    Raises:
+        StopIteration: if `results` is empty.
+        ValueError: if no result has a pressure distribution.
     """
     distributions: dict[str, list[PressureDistribution]] = {}
     for method, each in results.items():
@@ -85,7 +95,10 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
     """Draw the dimensionless residual of each method against its iterations.
 
     Args:
-        histories: the residual after each iteration, by method.
+        histories: the dimensionless residual after each iteration, by method.
+
+    Raises:
+        ValueError: if no residual is a finite number.
     """
     tables = []
     longest = 1
@@ -112,16 +125,18 @@ def pressure_density(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mean density of the contact pressure in equal intervals.
 
-    It is the difference of cumulative areas over the width of the interval, so that the
-    sum over all intervals is exactly the elastic area.
+    The density of an interval is the difference of the cumulative areas at its ends
+    over its width.  So the sum of density times width is exactly the elastic area.
 
     Args:
-        distribution: the cumulative areas by pressure.
+        distribution: pressures (Pa) in rising order with their cumulative areas, as
+            fractions of the nominal area.
         bins: the number of intervals.
         largest: the end of the last interval (Pa); None: the largest pressure.
 
     Returns:
-        The middles of the intervals (Pa) and the densities (1/Pa).
+        The middles of the intervals (Pa) and the densities (1/Pa), both of shape
+        (bins,).
     """
     edges = np.linspace(0.0, largest or distribution.pressure[-1], bins + 1)
     pressure = np.concatenate([[0.0], distribution.pressure])
@@ -132,7 +147,17 @@ def pressure_density(
 
 
 def _mean_density(method: str, tables: Sequence[PressureDistribution]) -> pd.DataFrame:
-    """Return the density averaged over the surfaces, in common intervals."""
+    """Return the density of the pressure averaged over the surfaces of a method.
+
+    Args:
+        method: the name of the method, the value of the column `series`.
+        tables: the distribution of each surface.  All are counted in the same 60
+            intervals, which end at the largest pressure of any surface.
+
+    Returns:
+        A table with the columns series, PRESSURE (Pa, middles of the intervals) and
+        DENSITY (1/Pa).
+    """
     largest = max(float(table.pressure[-1]) for table in tables)
     densities = []
     for table in tables:

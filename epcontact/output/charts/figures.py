@@ -45,6 +45,7 @@ class Chart:
     caption: str
 
     def __post_init__(self) -> None:
+        """Compute the layout of the figure and fix it."""
         # The layout is computed once: repeated at every drawing it shifts, and the same
         # chart would give different bytes.
         with styled():
@@ -52,27 +53,35 @@ class Chart:
             self.figure.set_layout_engine("none")
 
     def png(self) -> bytes:
-        """Return the picture as PNG."""
+        """Return the picture of this chart as the bytes of a PNG file."""
         return self._bytes("png", {"Software": None})
 
     _repr_png_ = png  # for notebooks
 
     def svg(self) -> bytes:
-        """Return the picture as SVG: the same bytes for the same data."""
+        """Return the picture of this chart as the bytes of an SVG file.
+
+        The same data give the same bytes.
+        """
         return self._bytes("svg", {"Date": None, "Creator": None})
 
     def csv(self) -> str:
-        """Return the data as comma-separated values, every float with all digits."""
+        """Return the data of this chart as comma-separated text with a line of
+        headings.
+
+        Every float has all its digits.
+        """
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
     def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write the picture, its data and its caption.  If one of the files cannot be
-        written, none is.
+        """Write the picture, the data and the caption of this chart to four files.
+
+        If one of the files cannot be written, none is.
 
         Args:
-            stem: the path without an ending.
+            stem: the path of the files without an ending.
 
         Returns:
             The paths stem.png, stem.svg, stem.csv and stem.txt (the caption).
@@ -93,7 +102,13 @@ class Chart:
         return tuple(contents)
 
     def _bytes(self, kind: str, metadata: dict[str, Any]) -> bytes:
-        """Return the picture in a format of matplotlib."""
+        """Return the picture of this chart as the content of a file.
+
+        Args:
+            kind: a format of matplotlib, "png" or "svg".
+            metadata: entries of the file's head by name; None removes an entry, such as
+                a date that would differ between two drawings.
+        """
         buffer = io.BytesIO()
         dpi = SETTINGS["savefig.dpi"]
         with styled():
@@ -116,7 +131,10 @@ class Pictures(NamedTuple):
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style's settings within a block, and restore the caller's after it."""
+    """Return a context manager under which matplotlib draws with the package's style.
+
+    The caller's settings of matplotlib are restored at its end.
+    """
     import matplotlib as mpl
 
     # The user's settings file is ignored, and so is the backend: reading it imports
@@ -133,14 +151,16 @@ def styled() -> Iterator[None]:
 def new_figure(
     width: float, height: float, columns: int = 1
 ) -> tuple[Figure, NDArray[Any]]:
-    """Create a figure with axes side by side.  Call it inside `styled()`.
+    """Create a figure of matplotlib with axes side by side.
+
+    Call it inside `with styled():`, because axes take their look when they are created.
 
     Args:
         width, height: the size of the figure in inches.
         columns: the number of axes.
 
     Returns:
-        The figure and the array of its axes.
+        The figure and its axes, an array of shape (columns,).
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -172,7 +192,13 @@ def logarithmic(axes: Any, name: str) -> None:
 
 
 def _tick_label(value: float, _: object) -> str:
-    """Return the label of a tick, with a power of ten outside of 0.01 to 10000."""
+    """Return the label of a tick of a logarithmic axis, as mathtext if it is a power.
+
+    Args:
+        value: the positive value at the tick.  Below 0.01 and from 10000 on, its label
+            has a power of ten.
+        _: the position of the tick, which matplotlib passes and which is not used.
+    """
     if 0.01 <= value < 1e4:
         return f"{value:g}"
     power = math.floor(math.log10(value) + 1e-9)

@@ -47,13 +47,13 @@ def contact_map(
         state: the contact state [x, y] of each point: APART, ELASTIC or PLASTIC.
         pressure: the contact pressure [x, y] in Pa.
         spacing: distance of neighbouring points along each direction, in m.
-        hardness: the end of the pressure's colour scale in Pa; infinite: the largest
-            pressure.
+        hardness: the pressure in Pa at which the colour scale ends; infinite: the scale
+            ends at the largest pressure.
         caption: the caption of the chart; "" for the usual one.
 
     Returns:
         The chart; its data are the fraction of points of each state and the mean
-        pressure.
+        pressure in Pa.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
@@ -94,8 +94,11 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
     """Draw the contact map of a .vti file, or the profile of a line.
 
     Args:
-        path: the file, with the fields state, pressure and gap.
+        path: the file, with the fields state, pressure (Pa) and gap (m).
         caption: the caption of the chart; "" for the usual one.
+
+    Returns:
+        The chart of `contact_map` for a surface, that of `contact_profile` for a line.
 
     Raises:
         OutputError: if the file cannot be read or lacks a field.
@@ -114,10 +117,11 @@ def map_of(
     """Draw the contact map of a surface, or the profile of a line.
 
     Args:
-        fields: the state, pressure (Pa) and gap (m), by name.
+        fields: the arrays "state" (APART, ELASTIC or PLASTIC), "pressure" (Pa) and
+            "gap" (m) of one shape: [x, y] of a surface or [x] of a line.
         spacing: distance of neighbouring points along each direction, in m.
         hardness: the hardness in Pa; infinite for none.
-        caption: the caption of the chart.
+        caption: the caption of the chart; "" for the usual one.
     """
     state, pressure, gap = (fields[name] for name in ("state", "pressure", "gap"))
     if state.ndim == 1:
@@ -126,8 +130,15 @@ def map_of(
 
 
 def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
-    """Draw the lines in .vti files, each as a profile, all in the scales of the
-    largest.
+    """Draw line contacts from .vti files, each as a profile, all in one scale.
+
+    The axes end at the largest gap and the largest pressure of all files.
+
+    Args:
+        sources: the files, with the fields state, pressure (Pa) and gap (m) [x].
+
+    Yields:
+        A chart for each file, see `contact_profile`.
 
     Raises:
         OutputError: if a file cannot be read or lacks a field.
@@ -142,7 +153,12 @@ def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
 
 
 def save_map(source: Path, target: Path) -> None:
-    """Draw the contact map of a .vti file to a .png, or to all files of a chart.
+    """Draw the contact map of a .vti file and write it.
+
+    Args:
+        source: the .vti file, with the fields state, pressure (Pa) and gap (m).
+        target: a path that ends with .png for the picture alone; any other path is the
+            stem of the four files of a chart, see `Chart.save`.
 
     Raises:
         OutputError: if a file cannot be read or written.
@@ -170,7 +186,8 @@ def pressure_difference(
         names: the names of the two methods.
 
     Returns:
-        The chart; its data are the largest, mean and rms values.
+        The chart; its data, all in Pa, are the largest pressure and difference, the rms
+        difference and both mean pressures.  The difference is first minus second.
     """
     largest = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
@@ -280,9 +297,9 @@ def stability_map(
     Args:
         effort: the effort of each method, an array (len(x), len(y)).  NaN means that
             the method failed, which a cross shows.
-        x, y: the values of the two parameters.
-        labels: the labels of x and y.
-        count: the name of the effort.
+        x, y: the values of the two parameters, in the units that `labels` states.
+        labels: the labels of the x and the y axis, with units.
+        count: the name of the effort, such as "FFT pairs", for the colour bar.
         caption: the caption of the chart.
 
     Returns:
@@ -329,7 +346,14 @@ def stability_map(
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:
-    """Return the places and the labels of a few values along an axis."""
+    """Return the ticks of an axis on which each value has a cell of width 1.
+
+    Args:
+        values: the value of each cell, shape (n,).
+
+    Returns:
+        The indices of at most six evenly spread cells, and their values as texts.
+    """
     count = min(values.size, _MOST_TICKS)
     places = np.unique(np.linspace(0, values.size - 1, count).astype(int))
     return places.tolist(), [f"{values[place]:.3g}" for place in places]
@@ -344,8 +368,8 @@ def show_field(
     because a state has no mean and a thin contact must remain visible.
 
     Args:
-        axes: the axes of matplotlib.
-        field: the values [x, y].
+        axes: the axes of matplotlib.  Its labels and limits are set, too.
+        field: the values [x, y], in the unit of the colour scale.
         spacing: distance of neighbouring points along each direction, in m.
         look: keywords of `Axes.imshow`, such as the colour map.
 
@@ -376,8 +400,16 @@ def show_field(
 def _show_pressure(
     axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], largest: float
 ) -> tuple[Any, str]:
-    """Draw a pressure (Pa) up to the largest of the scale, white where it is zero, and
-    return the image and the unit of the scale.
+    """Draw a field of pressure, white where it is not positive.
+
+    Args:
+        axes: the axes of matplotlib.
+        pressure: the pressure [x, y] in Pa.
+        spacing: distance of neighbouring points along each direction, in m.
+        largest: the pressure in Pa at which the colour scale ends.
+
+    Returns:
+        The image of matplotlib and the unit of its values, such as "MPa".
     """
     scale, unit = unit_for(largest, "Pa")
     scaled = np.asarray(pressure, dtype=np.float32) / scale

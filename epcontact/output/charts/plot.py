@@ -125,18 +125,27 @@ class _Series:
 
     @property
     def is_finite(self) -> NDArray[np.bool_]:
+        """True for each point of the series whose x and y are finite numbers."""
         return np.isfinite(self.x) & np.isfinite(self.y)
 
     @property
     def has_bounds(self) -> bool:
+        """True if a point of the series has an interval, from `low` to `high`."""
         return not np.isnan(self.low).all()
 
     @property
     def has_bars(self) -> bool:
+        """True if the intervals of the series are drawn as error bars, not as a
+        band.
+        """
         return self.has_bounds and self.style != "curve"
 
     def rows(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the rows of the data: the name, x, y and their bounds or ""."""
+        """Yield for each point of this series a row of the chart's data.
+
+        A row is (name of the series, x, y, lower bound of y, upper bound of y).  Both
+        bounds are "" if the series has none.
+        """
         columns = np.column_stack([self.x, self.y, self.low, self.high])
         for x, y, low, high in columns.tolist():
             if self.has_bounds:
@@ -146,7 +155,9 @@ class _Series:
 
 
 def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
-    """Draw a table as series on one pair of axes, with the legend beside them.
+    """Draw the rows of a table as series of points or curves in one chart.
+
+    The legend is to the right of the axes.
 
     Points that are not finite, or not positive on a logarithmic axis, are left out of
     the picture; values of zero of joined points are drawn as open marks at its lower
@@ -202,8 +213,13 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
 
 
 def _series(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Series:
-    """Return the series of the rows that have these values in the columns
-    `plot.series`.
+    """Return one series of a chart, with its points and the keys of its look.
+
+    Args:
+        values: what the rows of the series have in the columns `plot.series`.  The name
+            of the series is these values without "", joined by commas.
+        group: the rows of the series, with the columns that `plot` names.
+        plot: the look of the chart: its columns and the style of each series.
     """
     name = ", ".join(str(value) for value in values if value != "")
     style = None
@@ -223,8 +239,16 @@ def _series(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Series:
 def _looks(all_series: Sequence[_Series], plot: Plot) -> list[dict[str, Any]]:
     """Return colour, mark and dashes of each series, as keywords of `Axes.plot`.
 
-    A series whose name begins with a method's name has the colour of the method; the
-    others share the remaining colours of the cycle.  Curves have dashes but no marks.
+    A series whose name begins with a method's name ("persson", "bem" or "fem") has the
+    colour of the method; the others share the remaining colours of the cycle.  Curves
+    have dashes but no marks.
+
+    Args:
+        all_series: the series of the chart, in the order of the legend.
+        plot: the look of the chart, which may state colours.
+
+    Returns:
+        One dictionary for each series, in the same order.
     """
     of_methods = [_method_colour(one.name) for one in all_series]
     taken = METHOD_COLOURS.values() if any(of_methods) else ()
@@ -256,13 +280,20 @@ def _looks(all_series: Sequence[_Series], plot: Plot) -> list[dict[str, Any]]:
 
 
 def _method_colour(name: str) -> str | None:
-    """Return the colour of the method with which the name of a series begins."""
+    """Return the colour of the method with which the name of a series begins.
+
+    The colour is a text such as "#0072b2".  It is None if the first word of the name is
+    not a method.
+    """
     return METHOD_COLOURS.get(name.partition(" ")[0].rstrip(",:"))
 
 
 def _bar_shifts(all_series: Sequence[_Series]) -> list[float]:
-    """Return how far the error bars of each series are from its points (points of
-    length).
+    """Return how far the error bars of each series are shifted to the right.
+
+    Without a shift, the bars of several series at one x would hide each other.  Shifts
+    are in typographic points (1/72 inch), one for each series in the given order: 0 for
+    a series without error bars.
     """
     count = sum(one.has_bars for one in all_series)
     width = min(_BAR_DISTANCE * (count - 1), _BARS_WIDTH)
@@ -273,8 +304,15 @@ def _bar_shifts(all_series: Sequence[_Series]) -> list[float]:
 def _draw_series(
     axes: Any, one: _Series, look: Mapping[str, Any], plot: Plot, shift: float
 ) -> None:
-    """Draw a series, and its error bars beside its points by `shift` (points of
-    length).
+    """Draw the finite points of a series with their error bars or their band.
+
+    Args:
+        axes: the axes of matplotlib.
+        one: the series.
+        look: colour, mark and dashes of the series, keywords of `Axes.plot`.
+        plot: the look of the chart: scales, logarithmic axes and labels.
+        shift: how far the error bars are to the right of their points, in typographic
+            points (1/72 inch).
     """
     from matplotlib.transforms import ScaledTranslation
 
@@ -299,15 +337,23 @@ def _draw_series(
         axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
         return
     bars = axes.vlines(x, low, high, color=colour, linewidth=0.9)
-    move = ScaledTranslation(shift / 72, 0, axes.figure.dpi_scale_trans)
+    inches = shift / 72
+    move = ScaledTranslation(inches, 0, axes.figure.dpi_scale_trans)
     bars.set_transform(axes.transData + move)
 
 
 def _draw_zeros(
     axes: Any, all_series: Sequence[_Series], looks: Sequence[dict[str, Any]]
 ) -> None:
-    """Draw open marks on the lower edge of a logarithmic axis for values that are
-    exactly zero.
+    """Draw values that are exactly zero as open marks on the lower edge of the axes.
+
+    The y axis is logarithmic, so that a zero has no place on it.  Series of other
+    styles than "points" get no such marks.
+
+    Args:
+        axes: the axes of matplotlib, whose lower limit stays as it is.
+        all_series: the series of the chart.
+        looks: colour, mark and dashes of each series, keywords of `Axes.plot`.
     """
     lower_edge = axes.get_ylim()[0]
     for one, look in zip(all_series, looks, strict=True):
@@ -323,7 +369,13 @@ def _draw_zeros(
 
 
 def _draw_guides(axes: Any, plot: Plot) -> None:
-    """Draw the level and the upright lines with their labels."""
+    """Draw the dotted horizontal line and the dotted vertical lines of a chart.
+
+    Args:
+        axes: the axes of matplotlib, which already show the data.
+        plot: the look of the chart; `level` is the height of the horizontal line and
+            `upright` has the places of the vertical ones by their labels.
+    """
     if plot.level is not None:
         axes.axhline(plot.level, **_GUIDE)
     for label, x in plot.upright.items():
@@ -340,10 +392,11 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
 
 
 def _draw_front(axes: Any, all_series: Sequence[_Series]) -> None:
-    """Draw the Pareto front of all points but those of curves as steps behind them.
+    """Draw the Pareto front of all points, without those of curves, as a grey line.
 
-    An error of zero is not on the axis, but it beats every dearer point and ends the
-    front.
+    The x of a point is a cost and its y an error; the front joins the points that no
+    other point beats in both.  A point with an error of zero is not on the logarithmic
+    axis, but it beats every point of a higher cost and so ends the front.
     """
     points = [one for one in all_series if one.style != "curve"]
     cost = np.concatenate([one.x for one in points])
@@ -356,8 +409,11 @@ def _draw_front(axes: Any, all_series: Sequence[_Series]) -> None:
 
 
 def _interval_warning(all_series: Sequence[_Series]) -> str:
-    """Return a sentence if intervals are wider than the differences of series at most
-    places where there are several, otherwise "".
+    """Return a warning for the caption if the error bars hide all differences.
+
+    The warning is a sentence.  It is "" unless, at more than half of the x where
+    several series have a point, the median width of their intervals exceeds the
+    difference between their largest and their smallest y.
     """
     tables = [
         pd.DataFrame({"x": one.x, "y": one.y, "width": one.high - one.low})
@@ -383,10 +439,16 @@ def _interval_warning(all_series: Sequence[_Series]) -> str:
 
 
 def observed_order(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the least-squares slope of log y against log x.
+    """Return the observed order of convergence: the slope of log y against log x.
 
-    Points that are not positive and finite are left out; with fewer than two different
-    x the slope is NaN.
+    The slope is that of the least-squares line through all points.
+
+    Args:
+        x, y: positive numbers of one shape, for example grid spacings and errors.
+            Points that are not positive and finite are left out.
+
+    Returns:
+        The dimensionless slope; NaN with fewer than two different x.
     """
     x = np.asarray(x, dtype=float)
     y = np.asarray(y, dtype=float)
@@ -401,7 +463,8 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> FloatArray:
     """Return the points that no other point beats in both cost and error.
 
     Args:
-        cost, error: the points; those that are not finite are left out.
+        cost, error: two numbers of each point, in any unit, as arrays of one size.
+            Points with a number that is not finite are left out.
 
     Returns:
         An array (m, 2) of the costs and errors, by rising cost.  Of equal points it has

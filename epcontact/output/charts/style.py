@@ -105,8 +105,9 @@ def typeset(text: str, *, mathtext: bool = True) -> str:
     """Return a label or caption with its symbols typeset.
 
     Args:
-        text: the text, with symbols such as "sigma_P".
-        mathtext: typeset them for matplotlib; otherwise in plain Unicode.
+        text: the text, with symbols such as "sigma_P" or "E* xi".
+        mathtext: True to replace symbols by matplotlib's mathtext between dollar signs,
+            False to replace them by Unicode letters.
     """
     for pattern, math_symbol, plain_symbol in _SYMBOLS:
         symbol = math_symbol if mathtext else plain_symbol
@@ -115,10 +116,11 @@ def typeset(text: str, *, mathtext: bool = True) -> str:
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
-    """Return the prefixed unit in which values are easy to read.
+    """Return the prefixed unit, such as "MPa", in which values are easy to read.
 
     Args:
-        largest: the largest value in the unit.
+        largest: the largest value, in `unit`; its sign does not matter.  If it is 0 or
+            not finite, the unit keeps no prefix.
         unit: a unit without a prefix, such as "Pa"; for "m" no prefix above 1 is used.
 
     Returns:
