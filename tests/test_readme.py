@@ -27,15 +27,19 @@ EXAMPLES = [
     for path in sorted((ROOT / package).rglob("*.py"))
     if ">>> " in path.read_text(encoding="utf-8")
 ]
-README = (ROOT / "README.md").read_text()
-BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 
 
-def blocks(language):
-    """Return the code blocks of the README in a language, such as "bash", in their
-    order.
+def blocks(language, page="README.md"):
+    """Return the code blocks in a language, such as "bash", in the order of a page.
+
+    `page` is a path from the root of the repository.
     """
-    return [text for found, text in BLOCKS if found == language]
+    text = (ROOT / page).read_text(encoding="utf-8")
+    pattern = rf"^```{language}\n(.*?)^```"
+    return re.findall(pattern, text, re.MULTILINE | re.DOTALL)
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +83,8 @@ def test_the_readme_is_short_names_every_command_and_holds_blocks_that_are_teste
     """
     assert len(README.splitlines()) < 200
     assert [c for c in COMMANDS if f"`epcontact {c}" not in README] == []
-    assert {language for language, _ in BLOCKS} == {"bash", "python", "toml", "yaml"}
+    languages = {*re.findall(r"^```(\w+)$", README, re.MULTILINE)}
+    assert languages == {"bash", "python", "toml", "yaml"}
 
 
 @pytest.mark.slow
@@ -127,10 +132,8 @@ def test_an_executor_for_slurm(monkeypatch):
     # No Slurm here, and executorlib would ask for it.
     library = SimpleNamespace(SlurmJobExecutor=job_executor)
     monkeypatch.setitem(sys.modules, "executorlib", library)
-    guide = (ROOT / ".docs/sweep.md").read_text(encoding="utf-8")
-    (code,) = re.findall(
-        r"^```python\n(from functools.*?)^```", guide, re.MULTILINE | re.DOTALL
-    )
+    python = blocks("python", ".docs/sweep.md")
+    (code,) = [text for text in python if text.startswith("from functools")]
     module = ModuleType("on_slurm")
     exec(code, module.__dict__)
     monkeypatch.setitem(sys.modules, "on_slurm", module)
@@ -201,12 +204,10 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     """On a map with tilt, holes and spikes it finds the areas of the map without any of
     them.
     """
-    guide = (ROOT / ".docs/tutorial.md").read_text(encoding="utf-8")
-    case, python, *commands = (
-        re.findall(rf"^```{language}\n(.*?)^```", guide, re.MULTILINE | re.DOTALL)
-        for language in ("toml", "python", "bash")
+    case, python, commands = (
+        blocks(language, ".docs/tutorial.md") for language in ("toml", "python", "bash")
     )
-    lines = [line for text in commands[0] for line in text.splitlines()]
+    lines = [line for text in commands for line in text.splitlines()]
     assert len(lines) <= 10
     clean, faulty = (trial_map(n, holes=n > 0)[:120, :90] for n in (0, 25))
     told = {}

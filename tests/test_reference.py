@@ -239,6 +239,7 @@ def rough(pressure=2e10, hardness=math.inf):
 BUMP = elastic(Paraboloid((L,), (64,), 1e-2), 1e7)
 DISC = elastic(FlatPunch((L, L), (9, 9), 4e-4, 1e-6), 1e8)
 LEVEL = Scene(Surface(np.zeros(16), (L,)), ELASTIC, Load(1e8))
+RIDGE = elastic(Sinusoid((L, L / 128), (512, 4), 1e-6), 1e8)
 WAVY_LAYER = replace(wave(1.5), body=Body("bonded_layer", 1e-3))
 
 
@@ -333,44 +334,23 @@ def test_a_form_without_a_distribution_says_so():
         CLOSED_FORMS["hertz"].pressures(BUMP)
 
 
-def bump(*shape):
-    """Return the scene of an elastic paraboloid at 1e8 Pa, with one period along each
-    number of points in `shape`.
-
-    Its summit is not in the middle of the period.
-    """
-    centre = (0.3, 0.55)[: len(shape)]
-    periods = (L,) * len(shape)
-    return elastic(Paraboloid(periods, shape, 1e-2, centre), 1e8)
-
-
 @pytest.mark.parametrize(
     ("form", "scene"),
     [
-        ("westergaard", wave(0.3)),
-        ("westergaard", elastic(Sinusoid((L, L / 128), (512, 4), 1e-6), 1e8)),
-        ("hertz", bump(4096)),
-        ("hertz", bump(256, 256)),
-        ("full_contact", rough()),
-        ("full_contact", replace(rough(), body=Body("bonded_layer", 1e-4))),
+        ("westergaard", RIDGE),
         ("full_contact", replace(rough(), body=Body("sliding_layer", 1e-4))),
     ],
 )
 def test_the_pressures_of_a_form_carry_the_load_on_its_area(form, scene):
-    """The pressure field of a closed form has the mean pressure of the load, the form's
-    contact area, and its largest pressure or its distribution.
+    """The pressure field of a closed form has the mean pressure of the load and the
+    form's contact area.
+
+    The cases compare the fields of the other closed forms with boundary elements.
     """
     pressure = CLOSED_FORMS[form].field("pressure", scene)
     area = scalar(form, "area.total.raw", scene)
     assert pressure.mean() == pytest.approx(scene.load.final, rel=1e-3)
     assert np.mean(pressure > 0) == pytest.approx(area, abs=2e-3)
-    if "quantity.largest_pressure" in CLOSED_FORMS[form].quantities:
-        largest = scalar(form, "quantity.largest_pressure", scene)
-        assert pressure.max() == pytest.approx(largest, rel=1e-3)
-    else:
-        found = CLOSED_FORMS[form].pressures(scene)
-        assert found.pressure[1:].tolist() == sorted(pressure.flat)
-        assert found.cumulative[[0, -1]].tolist() == [0, 1]
 
 
 def test_the_work_on_a_level_layer_is_stored_or_spent():

@@ -14,6 +14,7 @@ import pytest
 from command_line import invoke
 from conftest import SMALL_CASE
 from test_compare import changed_tables
+from test_executor import THEORY
 from test_shown import tree_of, verdict
 
 from epcontact.cli import run_and_verify
@@ -273,17 +274,12 @@ def test_compare(check_screen, tmp_path):
 
 def test_sweep(check_screen, tmp_path, write_case):
     """Six points of the theory alone."""
-    theory_alone = (
-        ('["persson", "bem"]', '["persson"]'),
-        ('of = "bem"\nagainst = "persson"', 'of = "persson"\nagainst = 0.1'),
-        ("tolerance = 0.5", 'tolerance = 0.5\nsource = "made up"'),
-    )
     axes = """
 [sweep]
 load.mean_pressure = [2e8, 4e8]
 material.hardness = [3e9, 6e9, 12e9]
 """
-    case = write_case(*theory_alone, more=axes)
+    case = write_case(*THEORY, more=axes)
     done = invoke("sweep", case, "--output", tmp_path, "--jobs", 1)
     assert done.returncode == 0
     check_screen(done.stdout.replace(str(tmp_path), "HOME"))
