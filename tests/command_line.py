@@ -24,11 +24,9 @@ def invoke(*arguments):
     `stderr`. Warnings are errors, and any exception but SystemExit is raised. The
     handlers of SIGTERM and SIGINT are restored afterwards.
     """
-    out, err, command = (
-        io.StringIO(),
-        io.StringIO(),
-        ["epcontact", *map(str, arguments)],
-    )
+    out = io.StringIO()
+    err = io.StringIO()
+    command = ["epcontact", *map(str, arguments)]
     with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
         for number in (signal.SIGTERM, signal.SIGINT):
             after.callback(signal.signal, number, signal.getsignal(number))

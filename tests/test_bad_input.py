@@ -27,7 +27,8 @@ from epcontact.harness.case_files.text import SIZES
 # ----------------------------------------------------------------------
 
 GRID = "points_per_shortest_wavelength = { fast = 4, full = 8 }"
-LOAD, HEAD = "mean_pressure = 5.0e8", "[load]"
+LOAD = "mean_pressure = 5.0e8"
+HEAD = "[load]"
 WAVE = 'kind = "sinusoid"\nperiod = 1e-3\nshape = [8]\namplitude = 1e-6'
 SURFACE = 'kind = "file"\npath = "map.npy"\nperiod = 1e-3\nunit = 1.0'
 NO_SIZE = "points_per_shortest_wavelength = { fast = 4 }\nseeds = { full = [3] }"
@@ -169,7 +170,8 @@ def test_a_mistake_is_one_sentence(tmp_path, name, old, new, says):
 
 def test_what_is_no_case_file_is_refused(tmp_path):
     """Files that are no TOML, too large or too deep raise `InvalidCase`."""
-    path, no_text = tmp_path / "broken.toml", "is not TOML in UTF-8"
+    path = tmp_path / "broken.toml"
+    no_text = "is not TOML in UTF-8"
     for content, says in (
         (b"\xff\xfe[case]", no_text),
         (b"x = " + b"[" * 100_000, no_text),
@@ -195,12 +197,11 @@ def test_all_mistakes_are_told_at_once(write_case):
         `edits` and `more` are those of the fixture `write_case`.
         """
         path = write_case(*edits, more=more)
-        done, start = verified(path, path.parent / "output"), f"epcontact: {path}: "
-        assert (done.returncode, done.stdout, (path.parent / "output").exists()) == (
-            2,
-            "",
-            False,
-        )
+        done = verified(path, path.parent / "output")
+        start = f"epcontact: {path}: "
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert not (path.parent / "output").exists()
         assert all(line.startswith(start) for line in done.stderr.splitlines())
         return [line.removeprefix(start) for line in done.stderr.splitlines()]
 
@@ -243,7 +244,8 @@ def test_all_mistakes_are_told_at_once(write_case):
     # What is hardly a case file is told some.
     *told, last = refusals((SMALL_CASE, "".join(f"x{n} = 1\n" for n in range(30))))
     assert told[0] == "case is missing; add it (a table [case])"
-    assert (len(told), last) == (20, "there are 14 more mistakes")
+    assert len(told) == 20
+    assert last == "there are 14 more mistakes"
 
 
 # --- mutants of case files and of command lines
@@ -413,12 +415,14 @@ def test_mutants_of_a_case_file(tmp_path, examples):
     def judge(content):
         """Verify a case file with this content (bytes) in a new folder."""
         folder = Path(tempfile.mkdtemp(dir=tmp_path))
-        path, output = folder / "small.toml", folder / "with space"
+        path = folder / "small.toml"
+        output = folder / "with space"
         path.write_bytes(content)
         done = verified(path, output)
         require_decent(done, output)
         if refuses(path):
-            assert (done.returncode, output.exists()) == (2, False)
+            assert done.returncode == 2
+            assert not output.exists()
 
     for_each(examples, mutants(), judge)
 
@@ -433,7 +437,8 @@ def test_every_value_replaced_by_junk(tmp_path, junk):
     """
     path = tmp_path / "small.toml"
     path.write_text(CASE)
-    original, lines = signature(load_case(path)), CASE.splitlines()
+    original = signature(load_case(path))
+    lines = CASE.splitlines()
     for i, line in enumerate(lines):
         key, equals, _ = line.partition(" = ")
         path.write_text("\n".join([*lines[:i], f"{key} = {junk}", *lines[i + 1 :]]))

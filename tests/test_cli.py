@@ -114,7 +114,8 @@ def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
         said = invoke("list", *words).stdout
         return [line for line in said.splitlines() if line[:1].strip()][width == 200 :]
 
-    rows, cases = listed("--all"), find_cases()
+    rows = listed("--all")
+    cases = find_cases()
     assert [row.split()[0] for row in rows] == [case.id for case in cases]
     run = {case.id for case in cases_to_verify("fast")}
     assert {row.split()[0] for row in rows if left_out not in row} == run
@@ -125,9 +126,8 @@ def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
         verified = sum(case.id in run for case in cases if case_name(case.path) == name)
         few = re.search(r"(\d+) of (\d+) in a bare", row)
         told = int(few[1]) if few else 0 if left_out in row else counts[name]
-        assert (told, f"{counts[name]} cases" in row) == (verified, counts[name] > 1), (
-            row
-        )
+        assert told == verified, row
+        assert (f"{counts[name]} cases" in row) == (counts[name] > 1), row
 
 
 # --- run and verify
@@ -145,22 +145,16 @@ def test_verify_holds_or_falls_short_and_writes_the_verdict(
     assert done.returncode == 0, done
     verdict = json.loads((out / "verdict.json").read_text())
     gate, *defaults = verdict["cases"][0]["gates"]
-    assert (verdict["passed"], gate["status"], gate["value"]["surfaces"]) == (
-        True,
-        "holds",
-        3,
-    )
+    assert verdict["passed"]
+    assert gate["status"] == "holds"
+    assert gate["value"]["surfaces"] == 3
     suite = ET.parse(out / "junit.xml").getroot()
-    assert (suite.attrib["tests"], suite.attrib["failures"]) == (
-        str(1 + len(defaults)),
-        "0",
-    )
+    assert suite.attrib["tests"] == str(1 + len(defaults))
+    assert suite.attrib["failures"] == "0"
     narrow = write_case(("tolerance = 0.5", "tolerance = 1e-9"))
     done = invoke("verify", narrow, "yardstick", "--output", out, "--jobs", 1)
-    assert (done.returncode, "only a smoke test" in " ".join(done.stdout.split())) == (
-        1,
-        True,
-    )
+    assert done.returncode == 1
+    assert "only a smoke test" in " ".join(done.stdout.split())
     monkeypatch.setenv("FORCE_COLOR", "1")  # a terminal: the cases above the bar
     live = invoke(
         "verify", narrow, "yardstick", "--output", out, "--jobs", 1, "--fresh"
@@ -177,7 +171,8 @@ def test_run_writes_results_and_fields_once(write_case, tmp_path):
     """
     case = write_case(("rms_slope = 0.1", "rms_slope = 1.1"))
     run = ("run", case, "--method", "bem", "--output", tmp_path, "--jobs", 1)
-    done, folder = invoke(*run), tmp_path / "small" / "fast"
+    done = invoke(*run)
+    folder = tmp_path / "small" / "fast"
     assert done.returncode == 0, done
     assert done.stdout.count("the rms slope is 1.1, beyond the small slopes") == 1
     summary = json.loads((folder / "bem.json").read_text())
@@ -200,7 +195,8 @@ def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
     path = write_case(ONE)
     path.write_text(path.read_text().partition("[[gate]]")[0])
     done = invoke("run", path, "--method", "persson", "--output", tmp_path)
-    assert (done.returncode, "persson" in done.stdout) == (0, True), done
+    assert done.returncode == 0, done
+    assert "persson" in done.stdout, done
     (tmp_path / "cases").mkdir()
     path = path.rename(tmp_path / "cases" / path.name)
     monkeypatch.chdir(tmp_path)
@@ -210,11 +206,9 @@ def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
     (tmp_path / "pytest.ini").write_text("[pytest]\nepcontact_cases = *.toml\n")
     plugin = ("-p", "epcontact.harness.pytest_plugin")
     done = python("-m", "pytest", "-q", *plugin, "cases", cwd=tmp_path)
-    assert (done.returncode, missing in done.stdout, "Traceback" in done.stdout) == (
-        2,
-        True,
-        False,
-    )
+    assert done.returncode == 2
+    assert missing in done.stdout
+    assert "Traceback" not in done.stdout
     path.write_text(path.read_text().replace("[case]", "[case]\nverify = false"))
     assert "no gate" not in invoke("verify").stderr
 
@@ -230,7 +224,8 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     case = load_case(
         write_case(ONE, PATH, methods, fem, ('against = "persson"', 'against = "fem"'))
     )
-    folder, notes = case.folder(tmp_path), []
+    folder = case.folder(tmp_path)
+    notes = []
 
     def reused(fields, precision="single"):
         """Return how many of the two results a run with these fields reuses."""
@@ -285,7 +280,8 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
         return invoke("verify", path, "--output", tmp_path / "out", "--jobs", 1)
 
     done = verified("unit = 1e-6\noptional = true")
-    assert (done.returncode, "map.csv" in done.stdout) == (0, True)
+    assert done.returncode == 0
+    assert "map.csv" in done.stdout
     refused(verified("unit = 1e-6"), "map.csv")
     sized = recipe + "unit = { fast = 1e-6, full = 2e-6 }\noptional = true"
     optional = write_case(*edits, (ROUGH, sized))
@@ -293,7 +289,9 @@ def test_a_measured_map_that_is_absent_or_has_holes(write_case, tmp_path):
         done = invoke(command, optional, *["x.inp"] * (command == "export"))
         refused(done, "small.toml: skipped: its surface ", "map.csv is not here")
     case, said = load_auto(find_case(str(optional)))
-    assert (case.size, case.skip[:8], said) == ("full", "skipped:", "")
+    assert case.size == "full"
+    assert case.skip[:8] == "skipped:"
+    assert said == ""
     np.savetxt(
         tmp_path / "map.csv", np.where(np.eye(8) > 0, np.nan, 1.0), delimiter=";"
     )
@@ -330,7 +328,8 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
     """
     band = ("tolerance = 0.5", "between = [0.111111, 0.1111112]")
     (outcome,) = verify(write_case(ONE, band), output=tmp_path, jobs=1).cases
-    answers, gate = outcome.results, outcome.gates[0]
+    answers = outcome.results
+    gate = outcome.gates[0]
     for width in (40, 60, 80, 200):
         console = Console(width=width)
         console.print(verdict_table([outcome], console.width))
@@ -413,7 +412,8 @@ def test_interrupt_is_clean(write_case, tmp_path, how, waits):
         "points_per_shortest_wavelength = { fast = 4, full = 8 }",
         "shape = [128, 128]",
     )
-    case, out = write_case(grid, ("[3, 5, 7]", str(list(range(200))))), tmp_path / "out"
+    case = write_case(grid, ("[3, 5, 7]", str(list(range(200)))))
+    out = tmp_path / "out"
     process = subprocess.Popen(
         [*COMMAND, "verify", case, "--jobs", "2", "--output", out],
         stdout=subprocess.PIPE,
@@ -488,15 +488,18 @@ def test_closed_pipe_is_no_verdict_and_changes_none(tmp_path, words, code, says)
         closed = subprocess.run(
             line, check=False, cwd=tmp_path, capture_output=True, text=True
         )
-        assert (closed.returncode, "Traceback" in closed.stderr) == (0, False)
-    assert (done.returncode, told) == (code, [says] if says else [])
+        assert closed.returncode == 0
+        assert "Traceback" not in closed.stderr
+    assert done.returncode == code
+    assert told == ([says] if says else [])
 
 
 def test_mistake_of_our_own_does_not_say_that_a_gate_fell_short(monkeypatch):
     """An error inside of the package exits with 2 and a traceback, not with 1."""
     monkeypatch.setattr(list_cases, "case_files", lambda: 1 / 0)
     done = invoke("list")
-    assert (done.returncode, "ZeroDivisionError" in done.stderr) == (2, True)
+    assert done.returncode == 2
+    assert "ZeroDivisionError" in done.stderr
     assert done.stderr.splitlines()[-1].startswith("epcontact: ")
 
 
@@ -517,7 +520,8 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first)
         r"\[(\d+)/120\] x \(about (\d+):(\d+):(\d+) left\)", capsys.readouterr().err
     )
     left = {int(n): 3600 * int(h) + 60 * int(m) + int(s) for n, h, m, s in told}
-    assert (min(left), len(left) > 70) == (26, True)
+    assert min(left) == 26
+    assert len(left) > 70
     assert all(
         seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items()
     )

@@ -94,7 +94,8 @@ def test_the_slope_of_a_profile_is_that_of_the_surface_over_the_root_of_pi():
     profiles.
     """
     scene = study.joint_scene(8, 0.6, 0.1, 0.1, 3, 8)
-    heights, n = scene.surface.heights, scene.surface.shape[0]
+    heights = scene.surface.heights
+    n = scene.surface.shape[0]
     waves = 2j * np.pi * np.fft.fftfreq(n, 1 / n)
     modes = [np.fft.fft(h, axis=0) * waves[:, None] for h in (heights, heights.T)]
     mean = np.mean([np.abs(np.fft.ifft(each, axis=0).real).mean() for each in modes])
@@ -165,7 +166,8 @@ def test_the_interval_holds_in_every_region_that_is_accepted_and_not_beyond():
         regions = taken.groupby(list(pair))["inside"].agg(["mean", "size"])
         assert regions.query("size > 3")["mean"].min() >= 0.9
     beyond = table.drop(taken.index)
-    wide, full = beyond[beyond["breadth"] >= 24], beyond[beyond["breadth"] <= 12]
+    wide = beyond[beyond["breadth"] >= 24]
+    full = beyond[beyond["breadth"] <= 12]
     assert max(rows["inside"].mean() for rows in (wide, full)) < 0.95
 
 
@@ -286,7 +288,8 @@ def test_a_law_describes_a_rough_half_space_with_a_hardness():
     """The closed form `mikic` gives the conductance of its law, with the scene's
     roughness.
     """
-    form, scene = CLOSED_FORMS["mikic"], study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8)
+    form = CLOSED_FORMS["mikic"]
+    scene = study.joint_scene(2, 0.6, 0.1, 0.1, 1, 8)
     y = (
         form.scalar("quantity.conductance", scene)
         * scene.surface.rms_height

@@ -40,7 +40,9 @@ class Elsewhere(Executor):
     replaces each call if it is given.
     """
 
-    worker_memory, open, instead = 2.0**40, True, None
+    worker_memory = 2.0**40
+    open = True
+    instead = None
 
     def __init__(self, folder, **changes):
         """Create the executor; `changes` replace attributes or methods of it."""
@@ -86,7 +88,8 @@ def test_a_worker_writes_fields_and_steps_and_sends_back_results(
     costs.
     """
     monkeypatch.chdir(tmp_path)
-    case, far = load_case(write_case(ONE)), Elsewhere(tmp_path / "far")
+    case = load_case(write_case(ONE))
+    far = Elsewhere(tmp_path / "far")
     run_cases([case], Run("here", 1, fields="steps"))
     run_cases([case], Run("there", fields="steps", executor=lambda: far))
     assert not far.open
@@ -129,7 +132,8 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
         with (copy / name).open("a") as file:  # a method of one's own is a new file
             file.write("\n# changed\n")
         saved.sources_digest.cache_clear()
-        after, before = before, saved.sources_digest(copy)
+        after = before
+        before = saved.sources_digest(copy)
         assert (before == after) == same, name
     task = next(tasks_of(load_case(write_case()), Run()))
     key = saved.key_of(task)

@@ -23,7 +23,8 @@ POSIX = os.name != "nt"
 
 def test_text_is_written_as_given_with_the_permissions_of_any_new_file(tmp_path):
     """`write_text` creates folders, keeps line ends, and leaves only the file."""
-    target, ordinary = tmp_path / "a" / ("n" * 250 + ".txt"), tmp_path / "y"
+    target = tmp_path / "a" / ("n" * 250 + ".txt")
+    ordinary = tmp_path / "y"
     files.write_text(target, "old")
     files.write_text(target, "ä\r\nb\n")
     ordinary.write_bytes(b"")
@@ -74,7 +75,8 @@ def stopped_by(error, name="x"):
     def write(here):
         """Write a half of a file in a folder, then raise an error."""
         with files.atomic_write(here / name) as temporary:
-            assert (temporary.suffix, temporary.parent) == (Path(name).suffix, here)
+            assert temporary.suffix == Path(name).suffix
+            assert temporary.parent == here
             temporary.write_bytes(b"half")
             raise error
 
@@ -161,7 +163,8 @@ def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(
         """Raise the error of a full disk."""
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    real, link = tmp_path / "real", tmp_path / "link"
+    real = tmp_path / "real"
+    link = tmp_path / "link"
     real.write_text("old")
     for target in (real, tmp_path / "gone", link):
         link.unlink(missing_ok=True)
@@ -170,17 +173,16 @@ def test_links_are_not_followed_and_a_full_disk_keeps_the_old_file(
     monkeypatch.setattr(os, "fsync", full)  # after the block
     with pytest.raises(OutputError, match="no space left"):
         files.write_text(link, "newer")
-    assert (link.is_symlink(), link.read_text(), real.read_text()) == (
-        False,
-        "new",
-        "old",
-    )
+    assert not link.is_symlink()
+    assert link.read_text() == "new"
+    assert real.read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["link", "real"]
 
 
 def test_two_writers_never_mix(tmp_path):
     """A reader meets one whole file or the other, whoever is writing."""
-    target, contents = tmp_path / "x", [b"A" * 200_000, b"B" * 200_000]
+    target = tmp_path / "x"
+    contents = [b"A" * 200_000, b"B" * 200_000]
     files.write_bytes(target, contents[0])
     with ThreadPoolExecutor() as writers:
         writing = writers.map(files.write_bytes, 40 * [target], 20 * contents)
