@@ -7,6 +7,7 @@ the quick suite takes some dozens of mutants, the long one hundreds.
 
 import json
 import os
+import shlex
 import tempfile
 import tomllib
 import xml.etree.ElementTree as ET
@@ -335,39 +336,38 @@ def some(quick, many):
     )
 
 
-JUNK = [
-    "nan",
-    "inf",
-    "-inf",
-    "0",
-    "-0.0",
-    "-1",
-    "1e400",
-    "1e-320",
-    "1.8e308",
-    "1" + 22 * "0",
-    "true",
-    '""',
-    '"\\u0000"',
-    '"..//../x"',
-    '"persson"',
-    "[]",
-    "[[]]",
-    "[nan]",
-    "{}",
-    "[1, 2, 3]",
-    "{ fast = 1 }",
-    "{ full = 1 }",
-    "{ fast = {}, full = [] }",
-    "1979-05-27",
-    "'''a\nb'''",
-    "0x10",
-    '"area.total.raw"',
-    "[-1.0, 1.0]",
-    "3",
-    "0.3",
-    "1e9",
-]
+#: Values that replace those of a case file, one in a line.
+JUNK = r"""nan
+inf
+-inf
+0
+-0.0
+-1
+1e400
+1e-320
+1.8e308
+10000000000000000000000
+true
+""
+"\u0000"
+"..//../x"
+"persson"
+[]
+[[]]
+[nan]
+{}
+[1, 2, 3]
+{ fast = 1 }
+{ full = 1 }
+{ fast = {}, full = [] }
+1979-05-27
+0x10
+"area.total.raw"
+[-1.0, 1.0]
+3
+0.3
+1e9""".splitlines()
+JUNK.append("'''a\nb'''")  # a text of two lines
 
 
 @st.composite
@@ -456,49 +456,14 @@ def signature(case):
     return case.head, case.skip, digests, repr(case.options), case.gates
 
 
-WORDS = [
-    "list",
-    "keys",
-    "run",
-    "verify",
-    "small",
-    "small.toml",
-    "absent.toml",
-    ".",
-    "..",
-    "",
-    "-",
-    "--",
-    "--help",
-    "--version",
-    "--size",
-    "fast",
-    "full",
-    "large",
-    "--jobs",
-    "1",
-    "0",
-    "-1",
-    "1e9",
-    "--output",
-    "out",
-    "--fresh",
-    "--fields",
-    "none",
-    "all",
-    "--method",
-    "bem",
-    "fem",
-    "--solver",
-    "epcontact.bem:solve",
-    ":",
-    "os:getcwd",
-    "--solver=a:b",
-    "-x",
-    "\x1b[31m",
-    "é" * 300,
-    "/dev/null",
-]
+#: Words of command lines: commands, files, options, their values, and none of these.
+WORDS = shlex.split("""
+list keys run verify small small.toml absent.toml . .. '' - --
+--help --version --size fast full large --jobs 1 0 -1 1e9 --output out --fresh
+--fields none all --method bem fem --solver epcontact.bem:solve : os:getcwd
+--solver=a:b -x /dev/null
+""")
+WORDS += ["\x1b[31m", "é" * 300]
 
 
 @some(40, 150)

@@ -183,8 +183,7 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
 
 
 def test_the_figures_of_j2_flow_follow_from_its_gauss_points():
-    """Areas, strains, depths and volumes of J2 flow are sums over the yielded Gauss
-    points.
+    """Strains, depth, volume and work of J2 flow are sums over yielded Gauss points.
 
     All Gauss points of an element have the same volume. The grid has 16 x 16 = 256
     columns of unit total area, and the yield stress is 0.2 E* xi.
@@ -196,23 +195,15 @@ def test_the_figures_of_j2_flow_follow_from_its_gauss_points():
     strain = path.history.accumulated[path.history.rows[flowed]]
     has_flowed = strain > 0
     assert 0 < has_flowed.mean() < 1
-    result = contact_result(path)
-    pressure = result.fields["pressure"]
-    touching = pressure > 0
-    plastic_fraction = np.mean(result.fields["state"][touching] == PLASTIC)
-    for kind in ("raw", "corrected"):
-        areas = result.final.areas[kind]
-        assert areas.plastic / areas.total == pytest.approx(plastic_fraction)
+    final = contact_result(path).final
     volume = thickness[layer] @ has_flowed.mean(axis=1)
     expected = {
-        "mean_contact_pressure": pressure[touching].mean(),
-        "largest_pressure": pressure.max(),
         "largest_plastic_strain": strain.max(),
         "plastic_depth": thickness[: layer.max() + 1].sum(),
         "plastic_volume": volume / thickness.sum() / 256,
         "plastic_work": 0.2 * thickness[layer] @ strain.mean(axis=1) / 256,
     }
-    quantities = {name: result.final.quantities[name] for name in expected}
+    quantities = {name: final.quantities[name] for name in expected}
     assert quantities == pytest.approx(expected, rel=1e-9)
 
 

@@ -31,8 +31,15 @@ BUMPS += 2.2 * np.exp(-((X - 17) ** 2 + (Y - 12) ** 2) / 20)
 #: Two of three points of the high bump have no height, and one in the valley has none.
 HOLES = ((BUMPS > 1.0) & (X < 12) & ((X + 2 * Y) % 3 != 0)) | ((X == 21) & (Y == 2))
 MAP = np.where(HOLES, np.nan, BUMPS)
-MIRRORED = np.block([[HOLES, HOLES[:, ::-1]], [HOLES[::-1], HOLES[::-1, ::-1]]])
 FRACTIONS = ("filled_contact", "filled_load")
+
+
+def mirror(field):
+    """Return an (nx, ny) field and its mirror images, as one period of (2 nx, 2 ny)."""
+    return np.pad(field, [(0, length) for length in field.shape], mode="symmetric")
+
+
+MIRRORED = mirror(HOLES)
 
 
 CASE = """
@@ -142,7 +149,7 @@ def test_removed_outliers_count_as_replaced(solve):
     spiked[7, 6] += 30
     spikes = np.zeros_like(HOLES)
     spikes[7, 6] = True
-    mirrored = np.block([[spikes, spikes[:, ::-1]], [spikes[::-1], spikes[::-1, ::-1]]])
+    mirrored = mirror(spikes)
     scene, result, _ = solve(spiked)
     assert np.array_equal(scene.surface.filled, mirrored)
     expected = fractions_by_hand(scene, 4e7, mirrored)
