@@ -30,6 +30,7 @@ class InvalidCase(EpcontactError, ValueError):
     """
 
     def __str__(self) -> str:
+        """Return the mistakes of the case file, one a line."""
         return "\n".join(map(str, self.args))
 
 
@@ -58,6 +59,13 @@ class NotConverged(EpcontactError, RuntimeError):
         residuals: Mapping[str, float] = {},
         history: Sequence[float] = (),
     ) -> None:
+        """Create the error that an iteration did not converge.
+
+        Args:
+            message: The sentence for the user.
+            residuals: The last dimensionless residuals, by name; they are copied.
+            history: The residual that decides convergence after each iteration.
+        """
         super().__init__(message)
         self.residuals = dict(residuals)
         self.history = tuple(history)
@@ -70,20 +78,24 @@ class StudyUnavailable(EpcontactError):
 def printable(text: str) -> str:
     """Return a text on one line without control characters.
 
-    Characters that a terminal or XML cannot show become escapes such as \\x1b.
+    Line breaks and runs of blanks become one blank.  Characters that a terminal or XML
+    cannot show become escapes such as \\x1b.
     """
     line = " ".join(text.split())
     characters = []
     for character in line:
-        escaped = repr(character)[1:-1]
-        characters.append(character if character.isprintable() else escaped)
+        if character.isprintable():
+            characters.append(character)
+        else:
+            characters.append(repr(character)[1:-1])
     return "".join(characters)
 
 
 def sentence_of(error: BaseException) -> str:
-    """Return the message of an error on one line.
+    """Return the message of an error on one line, see `printable`.
 
-    The message of an error that was not raised on purpose begins with its type.
+    An `EpcontactError` has a message for the user.  The message of any other error is
+    preceded by the name of its class, and a MemoryError is called "not enough memory".
     """
     if isinstance(error, EpcontactError):
         return printable(str(error))
@@ -96,15 +108,21 @@ def sentence_of(error: BaseException) -> str:
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that was probably meant by an unknown one, or ""."""
+    """Return the known name that is spelt most like `name`; "" if none is similar.
+
+    known: the names that exist, in any order.
+    """
     matches = difflib.get_close_matches(name, sorted(known), n=1)
-    return matches[0] if matches else ""
+    if not matches:
+        return ""
+    return matches[0]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name.
+    """Return the end of an error message about the unknown `name`.
 
-    It suggests the closest known name, or lists the known names if none is close.
+    It is '; did you mean "..."?' with the known name that is spelt most alike, or
+    "; there are ..." with the known names (at most 500 characters) if none is similar.
     """
     known = sorted(known)
     suggestion = closest(name, known)

@@ -70,7 +70,11 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files of killed processes of this machine below a folder."""
+    """Remove temporary files that killed processes of this machine left in a folder.
+
+    Folders inside of it are searched, too.  Files of running processes stay, and so do
+    files that the system does not let this process remove.
+    """
     for path in folder.rglob(f"{glob.escape(_PREFIX)}*"):
         pid = path.name.removeprefix(_PREFIX).partition("-")[0]
         if pid.isdecimal() and not alive(int(pid)):
@@ -79,40 +83,55 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:
-    """Write `content` to `path` completely or not at all; raise OutputError."""
+    """Write `content` to the file `path`, completely or not at all.
+
+    Raises OutputError if the file cannot be written.
+    """
     with atomic_write(path) as temporary:
         temporary.write_bytes(content)
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` in UTF-8 with unchanged line ends; raise OutputError."""
+    """Write `text` to the file `path` in UTF-8, with its line ends unchanged.
+
+    The file is written completely or not at all.  Raises OutputError if it cannot be.
+    """
     write_bytes(path, text.encode())
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write `data` as indented JSON; see `results.plain` for the types."""
+    """Write `data` to the file `path` as indented JSON, completely or not at all.
+
+    Raises TypeError if `results.plain` has no JSON type for a value, and OutputError
+    if the file cannot be written.
+    """
     from pydantic_core import to_json  # eight times as fast as json.dumps
 
     write_bytes(path, to_json(plain(data), indent=2) + b"\n")
 
 
 def step_name(number: int, end: str) -> str:
-    """Return the file name of a step of a load path, such as `step-0003.vti`."""
+    """Return the file name of a step of a load path, such as `step-0003.vti`.
+
+    number: index of the step from 0; end: end of the name, such as ".vti".
+    """
     return f"step-{number:04d}{end}"
 
 
 def write_collection(
     path: Path | str, mean_pressures: Sequence[float], ends: tuple[str, ...] = (".vti",)
 ) -> None:
-    """Write a ParaView collection (.pvd) of the files of a load path beside it.
+    """Write the ParaView collection (.pvd) that lists the files of a load path.
 
-    The time of a step is its number, because a path may unload; its name states the
-    mean pressure.
+    The files lie in the same folder and have the names of `step_name`.  ParaView's time
+    of a step is its number, because the load may fall along the path.  The name of each
+    entry states the mean pressure.
 
     Args:
         path: The .pvd file.
         mean_pressures: Mean pressure of each step in Pa.
-        ends: Endings of the files of a step (see `step_name`); part n has the n-th.
+        ends: Ends of the names of the files of one step (see `step_name`), such as
+            (".vti",); the n-th file is part n of the data set.
 
     Raises:
         OutputError: The file cannot be written.
@@ -147,7 +166,10 @@ def require_writable(folder: Path | str) -> None:
 
 
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
-    """Return the first `count` bytes of a file, or all (-1); raise OutputError."""
+    """Return the first `count` bytes of a file, or all of them if `count` is -1.
+
+    Raises OutputError if the file cannot be read.
+    """
     try:
         with Path(path).open("rb") as file:
             return file.read(count)
@@ -156,9 +178,10 @@ def read_bytes(path: Path | str, count: int = -1) -> bytes:
 
 
 def path_inside(folder: Path | str, name: str) -> Path:
-    """Return the path of a file that another file names.
+    """Return the path of a file whose name was read from another file.
 
-    The other file may come from somebody else, so the named one must lie in its folder.
+    That other file may come from somebody else, so the named file must lie in the same
+    folder or below it.
 
     Args:
         folder: The folder of the file that holds the name.
@@ -189,7 +212,7 @@ def require_links_inside(folder: Path | str) -> None:
 def output_error(
     verb: str, path: Path | str, error: OSError | ValueError
 ) -> OutputError:
-    """Return the OutputError for what the system refused to do.
+    """Return (not raise) the OutputError for what the system refused to do.
 
     Args:
         verb: What was tried, such as "write".

@@ -1,12 +1,13 @@
-"""The cores and the memory of this process, and its compiled kernels: their folder and
-their time.
+"""The cores and the memory of this process, and the cache of its compiled kernels.
 
-Numba keeps compiled code beside its source or in the user's cache.  Where it can write
-to neither, it refuses to define a kernel, so a private folder is made, which goes with
-the process that made it.  Two dangers are kept away: processes that write the files of
-one kernel at the same time may leave code for the wrong types, so one at a time
-compiles; and LLVM calls Python, which drops an exception that a signal's handler raises
-there, so a handler asks `compiling` first.
+A kernel is a function that numba compiles to machine code.  Numba saves the code in a
+folder beside the source or in the user's cache.  If it can write to neither, it refuses
+to define a kernel; a temporary folder is then created, and removed when the process
+ends.  Two errors of numba are prevented here.  First, processes that write the files of
+one kernel at the same time may leave code for the wrong types.  A file lock therefore
+lets one process compile at a time.  Second, the compiler (LLVM) calls Python and drops
+an exception that a signal handler raises during such a call.  A signal handler
+therefore asks `compiling` first.
 """
 
 from __future__ import annotations
@@ -32,24 +33,24 @@ import psutil
 
 try:
     import fcntl
-except (
-    ImportError
-):  # Windows, where numba refuses to replace a file that another process reads
+except ImportError:  # Windows: numba replaces no file that another process reads
     fcntl = None  # type: ignore[assignment]
 
-_OBJECTS = 100_000  # made between two searches for cycles while a kernel compiles
-#: numpy starts the threads of its linear algebra when it is imported, unless it may
-#: have only one.
+# Objects created between two searches for reference cycles while a kernel compiles.
+_OBJECTS = 100_000
+#: Environment variable for the threads of numpy's linear algebra, which numpy starts
+#: when it is imported unless the variable is "1".
 LINEAR_ALGEBRA = "OPENBLAS_NUM_THREADS"
-#: ducc0 starts its threads when it first transforms, unless it may have only one.
+#: Environment variable for the threads of ducc0's Fourier transforms, which ducc0
+#: starts at the first transform unless the variable is "1".
 TRANSFORMS = "DUCC0_NUM_THREADS"
-for _name in (TRANSFORMS, "OMP_NUM_THREADS"):  # ducc0 would fail on what is no number
+# ducc0 cannot be imported if one of these variables is not a number.
+for _name in (TRANSFORMS, "OMP_NUM_THREADS"):
     if not os.environ.get(_name, "0").strip().isdecimal():
         del os.environ[_name]
-_PACKAGES = (
-    "epcontact",
-    "fem_check",
-)  # whose kernels are watched; a user's are left to numba
+# Packages whose kernels use the cache of `provide_kernel_cache`; the kernels of other
+# packages use numba's own cache.
+_PACKAGES = ("epcontact", "fem_check")
 
 
 def available_cores() -> int:
@@ -65,37 +66,40 @@ def available_memory() -> int:
 
 
 def forget_peak() -> None:
-    """Let the peak of the memory begin anew for the next solve, which only Linux
-    can.
+    """Reset the peak that `peak_memory` returns to the present memory of this process.
+
+    Only Linux can do this; on other systems the function does nothing.
     """
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def peak_memory() -> int:
-    """Return the largest resident memory (bytes) since `forget_peak`, or the process
-    began.
+    """Return the largest resident memory of this process in bytes.
+
+    It is the largest since the last call of `forget_peak`, or since the process began.
     """
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
-    with contextlib.suppress(OSError, StopIteration):
-        lines = (
-            Path("/proc/self/status")
-            .read_text(encoding="ascii", errors="replace")
-            .splitlines()
-        )
-        return 1024 * int(
-            next(line.split()[1] for line in lines if line.startswith("VmHWM:"))
-        )
+    with contextlib.suppress(OSError):
+        status = Path("/proc/self/status").read_text("ascii", errors="replace")
+        for line in status.splitlines():
+            if line.startswith("VmHWM:"):
+                kibibytes = int(line.split()[1])
+                return 1024 * kibibytes
     import resource  # does not exist on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
+    if sys.platform == "darwin":  # in bytes; elsewhere in KiB
+        return peak
+    return 1024 * peak
 
 
 def alive(pid: int) -> bool:
-    """Return True if a process of this machine runs; one that has ended unnoticed does
-    not.
+    """Return True if the process with the number `pid` runs on this machine.
+
+    The result is False for a zombie, that is, for a process that has ended and whose
+    parent has not yet read its exit code.
     """
     try:
         return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
@@ -104,16 +108,18 @@ def alive(pid: int) -> bool:
 
 
 def describe_death(code: int | None) -> str:
-    """Describe how a process ended.
+    """Return words for how a process ended, such as "ended with exit code 1".
+
+    The subject of the sentence is missing: the caller puts the process before it.
 
     Args:
-        code: its exit code; -n for the signal n, None if it was ended from here.
+        code: its exit code; -n if the signal n ended it, None if epcontact ended it.
     """
     if code is None:
         return "was ended"
     if code >= 0:
         return f"ended with exit code {code}"
-    names = {each.value: each.name for each in signal.Signals}
+    names = {number.value: number.name for number in signal.Signals}
     name = names.get(-code, f"signal {-code}")
     causes = {
         "SIGKILL": " (most likely for want of memory)",
@@ -124,8 +130,9 @@ def describe_death(code: int | None) -> str:
 
 @contextlib.contextmanager
 def single_threads(*names: str) -> Iterator[None]:
-    """Set variables of the environment to one thread, and then back to what they
-    were.
+    """Set environment variables to "1" in a `with` block, and restore them after it.
+
+    names: environment variables that hold a number of threads, such as LINEAR_ALGEBRA.
     """
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
@@ -133,166 +140,213 @@ def single_threads(*names: str) -> Iterator[None]:
         yield
     finally:
         for name, value in before.items():
-            del os.environ[name]
-            os.environ.update({} if value is None else {name: value})
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 class _Kernels:
-    """The kernels of this process, and the lock by which one process at a time
-    compiles.
+    """A listener to numba that counts the time for kernels and holds a file lock.
+
+    Processes that load compiled kernels share the lock; a process that compiles holds
+    it alone.
+
+    Attributes:
+        depth: number of compilations or loads that have begun and not ended; a kernel
+            compiles the kernels that it calls.
+        total: seconds of all compilations and loads that have ended.
+        started: `time.perf_counter` at the beginning of the outermost one that runs.
+        lock_path: the file to lock; None until a kernel is defined.
     """
 
     def __init__(self) -> None:
-        self.depth, self.total, self.started = 0, 0.0, 0.0
+        self.depth = 0
+        self.total = 0.0
+        self.started = 0.0
         self.lock_path: Path | None = None
-        self._mutex, self._lock = threading.RLock(), contextlib.ExitStack()
-        self._told, self._missed, self._alone = False, False, True
+        self._mutex = threading.RLock()
+        self._lock = contextlib.ExitStack()  # closes the locked file
+        self._user_informed = False
+        self._has_compiled = False  # since the outermost beginning
+        # Whether the next kernel is locked for compilation at once: true at first and
+        # after a kernel that was missing in the cache.
+        self._expects_missing = True
         self._thresholds = gc.get_threshold()
 
     def notify(self, event: Any) -> None:
-        """Hear from numba that any thread begins or ends to work on a kernel, or to
-        compile it.
+        """Handle an event of numba; numba calls this method in any thread.
+
+        event: `numba.core.event.Event`.  The kind "numba:compiler_lock" marks the
+        beginning or end of any work on a kernel, and "numba:compile" that of a
+        compilation, which happens only if the cache lacks the kernel.
         """
         if event.kind == "numba:compiler_lock":
             with self._mutex:
-                self._begin() if event.is_start else self._end()
+                if event.is_start:
+                    self._begin()
+                else:
+                    self._end()
         elif event.is_start:
-            if not self._told:
+            if not self._user_informed:
                 logging.getLogger("epcontact").warning(
                     "epcontact compiles kernels that this machine has not used before; "
                     "the time for it counts neither as cost nor against a time limit"
                 )
-            self._told = self._missed = True
-            if not self._alone:
-                self._wait(alone=True)
+            self._user_informed = True
+            self._has_compiled = True
+            if not self._expects_missing:
+                self._wait_for_lock(exclusive=True)
 
     def _begin(self) -> None:
-        """Note the beginning of a compilation."""
+        """Count one more begun work on a kernel; at the first, start the clock.
+
+        The first one also waits for the file lock.  An exception of a signal handler
+        during this wait is raised again after the count is restored.
+        """
         self.depth += 1
         if self.depth > 1:
             return
-        self.started, self._thresholds = time.perf_counter(), gc.get_threshold()
-        # A compiler makes so many objects that to look for cycles takes a seventh of
-        # its time.
+        self.started = time.perf_counter()
+        self._thresholds = gc.get_threshold()
+        # A compiler creates so many objects that searches for reference cycles would
+        # take a seventh of its time.
         gc.set_threshold(max(_OBJECTS, self._thresholds[0]), *self._thresholds[1:])
         try:
-            self._wait(alone=self._alone)
+            self._wait_for_lock(exclusive=self._expects_missing)
         except BaseException:  # an interrupt while another process compiles
             self._end()
             raise
 
     def _end(self) -> None:
-        """Note the end of a compilation and count its time."""
+        """Count one fewer begun work; after the last, add its time and unlock."""
         self.depth -= 1
         if not self.depth:
             gc.set_threshold(*self._thresholds)
             self.total += time.perf_counter() - self.started
-            # After a kernel that was missing others will be missing: processes share
-            # them out.
-            self._alone, self._missed = self._missed, False
+            # After a missing kernel others are likely to be missing.  Exclusive locks
+            # from the start let several processes compile different ones in turn.
+            self._expects_missing = self._has_compiled
+            self._has_compiled = False
             self._lock.close()
 
-    def _wait(self, *, alone: bool) -> None:
-        """Wait for processes that compile or, `alone`, for all that load kernels,
-        too.
+    def _wait_for_lock(self, *, exclusive: bool) -> None:
+        """Release the file lock and wait until this process has it again.
+
+        It does nothing where files cannot be locked or the folder is read-only.
+
+        exclusive: whether to wait for all processes that work on kernels; otherwise
+        only for one that holds the lock exclusively, because it compiles.
         """
         self._lock.close()
-        with contextlib.suppress(
-            OSError
-        ):  # a folder that is only read, or cannot be locked
+        with contextlib.suppress(OSError):
             if fcntl is not None and self.lock_path is not None:
                 file = self._lock.enter_context(self.lock_path.open("ab"))
-                fcntl.flock(file, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+                fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
 
 
 _KERNELS = _Kernels()
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process has spent on compiling and loading kernels
-    so far.  What is still running counts, and so does waiting for another process that
-    compiles.
+    """Return the seconds that this process has spent on compiling and loading kernels.
+
+    Compilation that is still running counts, and so does the time for which this
+    process waited while another process compiled.
     """
-    running = time.perf_counter() - _KERNELS.started if _KERNELS.depth else 0.0
-    return _KERNELS.total + running
+    if not _KERNELS.depth:
+        return _KERNELS.total
+    return _KERNELS.total + time.perf_counter() - _KERNELS.started
 
 
 def compiling() -> bool:
-    """Return True if this process is compiling or loading a kernel.  The handler of a
-    signal must not raise an exception then, but be called again later.
+    """Return True if this process is compiling or loading a kernel.
+
+    A signal handler must not raise an exception then, because the compiler drops it;
+    the handler must be called again later.
     """
     return _KERNELS.depth > 0
 
 
 @functools.cache
 def provide_kernel_cache() -> None:
-    """Watch how numba compiles and keeps our kernels.  Call this before they are
-    defined.  Numba has no settings for this, so its class of caches is replaced for our
-    own kernels.
+    """Make numba use a safe cache for the kernels of this package; see the module.
+
+    It must be called before a kernel is defined; further calls do nothing.  Numba has
+    no settings for this, so its class of caches is replaced for the kernels of
+    _PACKAGES.
     """
-    # Most commands solve nothing, and numba takes half a second to load.
+    # Imported here because most commands solve nothing, and numba takes half a second.
     from numba.core import caching, config, dispatcher, event
     from numba.core.runtime import rtsys
 
     class Cache(caching.FunctionCache):  # type: ignore[misc]
+        """Numba's cache of one kernel on disk, which also sets the path of the lock."""
+
         def __init__(self, function: Any) -> None:
+            """Find the folder of the cache, and of the lock, for a Python function.
+
+            If numba finds no folder that it can write to, a temporary one is created.
+            """
             try:
                 super().__init__(function)
             except RuntimeError:  # numba can write to none of the folders that it tries
-                private = tempfile.mkdtemp(prefix="epcontact-kernels-")
-                atexit.register(shutil.rmtree, private, ignore_errors=True)
-                os.environ["NUMBA_CACHE_DIR"] = private  # child processes inherit it
+                temporary = tempfile.mkdtemp(prefix="epcontact-kernels-")
+                atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+                # Child processes inherit the variable.
+                os.environ["NUMBA_CACHE_DIR"] = temporary
                 config.reload_config()
                 super().__init__(function)
-            source, kept = (
-                Path(function.__code__.co_filename).parent,
-                Path(self.cache_path),
-            )
-            # Numba watches the file of a kernel, but not those of the kernels that it
-            # calls.
-            with contextlib.suppress(AttributeError):  # a private name
-                self._cache_file._source_stamp = _stamp(source)
-            # Beside the sources every folder has its own kernels, elsewhere there is
-            # one for all.
-            home = (
-                Path(__file__).parent / "__pycache__"
-                if kept.parent == source
-                else kept.parent
-            )
+            source_folder = Path(function.__code__.co_filename).parent
+            cache_folder = Path(self.cache_path)
+            # Numba compiles a kernel anew if its file has changed, but not if the file
+            # of a kernel that it calls has.
+            with contextlib.suppress(AttributeError):  # a private name of numba
+                self._cache_file._source_stamp = _stamp(source_folder)
+            # One lock for all kernels: beside the sources each folder has a cache of
+            # its own, elsewhere all caches are in one folder.
+            lock_folder = cache_folder.parent
+            if lock_folder == source_folder:
+                lock_folder = Path(__file__).parent / "__pycache__"
             with contextlib.suppress(OSError):
-                home.mkdir(exist_ok=True)
-            _KERNELS.lock_path = home / "epcontact.lock"
+                lock_folder.mkdir(exist_ok=True)
+            _KERNELS.lock_path = lock_folder / "epcontact.lock"
 
         def load_overload(self, signature: Any, context: Any) -> Any:
-            # Numba would load what only a compilation needs, which takes longer than
-            # the kernels.
+            """Return the compiled kernel for argument types; None if it is missing.
+
+            A damaged cache counts as missing and is deleted.  signature, context: the
+            argument types and the target of the compiler, as numba passes them.
+            """
+            # Numba would prepare the compiler first, which takes longer than to load
+            # a kernel.  Loading needs only the runtime.
             context.refresh = functools.partial(rtsys.initialize, context)
             try:
                 return super().load_overload(signature, context)
-            except (
-                Exception
-            ):  # of a damaged file: what is kept of this kernel is made anew
+            except Exception:  # unpickling a damaged file may raise anything
                 self.flush()
                 return None
             finally:
                 del context.refresh
 
     def cache_of(function: Any) -> Any:
-        ours = function.__module__.partition(".")[0] in _PACKAGES
-        return (Cache if ours else caching.FunctionCache)(function)
+        """Return a new cache for a kernel: `Cache` for those of _PACKAGES."""
+        package = function.__module__.partition(".")[0]
+        if package in _PACKAGES:
+            return Cache(function)
+        return caching.FunctionCache(function)
 
     dispatcher.FunctionCache = cache_of  # type: ignore[attr-defined]
     event.Listener.register(_Kernels)
     event.register("numba:compiler_lock", _KERNELS)
     event.register("numba:compile", _KERNELS)
-    # At its end the interpreter would look through all objects of the compiler for
-    # cycles, which takes as long as many a solve; the system gets their memory back
-    # anyway.
+    # When Python ends, it searches all objects of the compiler for reference cycles,
+    # which takes as long as many solves.  The system frees their memory anyway.
     atexit.register(gc.freeze)
 
 
 @functools.cache
 def _stamp(folder: Path) -> bytes:
-    """Return the digest of the sources in a folder."""
+    """Return the SHA-256 digest (32 bytes) of the Python sources in a folder."""
     sources = (path.read_bytes() for path in sorted(folder.glob("*.py")))
     return hashlib.sha256(b"".join(sources)).digest()

@@ -57,7 +57,10 @@ CONDUCTING = ("thermal", "electrical")
 
 @functools.cache  # reading package metadata takes longer than a solve of the theory
 def package_versions() -> dict[str, str]:
-    """Return the versions of Python, this package and the libraries behind numbers."""
+    """Return versions by name: of python, epcontact and the numerical libraries.
+
+    A package that is missing has "not installed" instead of a version.
+    """
     versions = {"python": platform.python_version()}
     for name in ("epcontact", "numpy", "scipy", "ducc0", "numba", "scikit-fem"):
         versions[name] = "not installed"
@@ -92,6 +95,7 @@ class PressureDistribution:
     plastic: float = 0.0
 
     def __post_init__(self) -> None:
+        """Copy the arrays and make the copies read-only."""
         for name in ("pressure", "cumulative"):
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
@@ -103,6 +107,7 @@ class PressureDistribution:
         return isinstance(other, PressureDistribution) and plain(self) == plain(other)
 
     def __hash__(self) -> int:
+        """Return a hash that equal distributions share."""
         return hash((self.plastic, self.pressure.size))
 
 
@@ -129,17 +134,21 @@ class LoadStep:
 
     @property
     def best_areas(self) -> Areas:
-        """The corrected areas, or the raw ones of a method without a correction."""
-        kind = "corrected" if "corrected" in self.areas else "raw"
-        return self.areas[kind]
+        """The corrected areas, or the raw ones of a method without a correction.
+
+        They are fractions of the nominal area.
+        """
+        if "corrected" in self.areas:
+            return self.areas["corrected"]
+        return self.areas["raw"]
 
     @property
     def row(self) -> dict[str, float]:
-        """The columns of COLUMNS that this load has, with their errors.
+        """The columns of COLUMNS that this load has, by name, with their errors.
 
-        A value with an error is followed by "<name>_error" and by
-        "<name>_error_by_<source>" for each source, whose root of the sum of squares is
-        the error.
+        Values are in the units of COLUMNS.  A value with errors is followed by
+        "<name>_error_by_<source>" for each source of error, and before these by
+        "<name>_error", the root of the sum of their squares.
         """
         values = {"mean_pressure": self.mean_pressure}
         for name, value in self.quantities.items():
@@ -165,13 +174,17 @@ class LoadStep:
     def with_errors(
         self, relative_errors: Mapping[str, float], source: str
     ) -> LoadStep:
-        """Return this step with the errors that a source causes.
+        """Return a copy of this step with the errors that one source causes.
 
         Args:
-            relative_errors: Errors by name, relative to the quantity of this name; of
-                total_area, elastic_area and plastic_area relative to the total area.
-                None are added if it is empty.
-            source: Name of the source, such as "treatment".
+            relative_errors: Error by name, as a fraction of the quantity of this name.
+                The errors of total_area, elastic_area and plastic_area, which must be
+                given, are fractions of the total area.  Without any errors the step
+                itself is returned.
+            source: Name of the source of error, such as "treatment".
+
+        Raises:
+            KeyError: The error of an area is missing.
         """
         if not relative_errors:
             return self
@@ -248,6 +261,7 @@ class ContactResult:
     converged: bool = True
 
     def __post_init__(self) -> None:
+        """Copy the mapping of fields; raise ValueError if there is no load step."""
         if not self.steps:
             raise ValueError(
                 "a ContactResult needs at least one load step, but steps is empty"
@@ -261,10 +275,11 @@ class ContactResult:
 
     @property
     def branches(self) -> tuple[str, ...]:
-        """The branch of each load: "loading", "unloading" or "reloading".
+        """The branch of each load step: "loading", "unloading" or "reloading".
 
-        A load is on "loading" if none before it was larger; else on "unloading" if it
-        is no larger than the one before it, and on "reloading" if it is.
+        A load is on the branch "loading" if no earlier load was larger.  Otherwise it
+        is on "unloading" if it is at most the load before it, and on "reloading" if it
+        is larger than that.
         """
         branches = []
         previous = 0.0
@@ -296,23 +311,29 @@ class ContactResult:
         return pd.DataFrame(rows)
 
     def __repr__(self) -> str:
+        """Return the method, the number of loads and the contact area at the last."""
         row = self.final.row
         area = f"{row['total_area']:.4g}"
         if "total_area_error" in row:
             area += f" ± {row['total_area_error']:.2g}"
-        loads = "1 load" if len(self.steps) == 1 else f"{len(self.steps)} loads"
+        loads = f"{len(self.steps)} loads"
+        if len(self.steps) == 1:
+            loads = "1 load"
         return (
             f"<ContactResult of {self.method}: {loads}, contact area {area} at "
             f"{row['mean_pressure']:.4g} Pa>"
         )
 
     def _repr_html_(self) -> str:
-        """Return the table of loads for a notebook."""
+        """Return the table of loads as HTML, which a notebook shows."""
         table = self.table()
-        return str(table.to_html(float_format=lambda v: f"{v:.4g}", index=False))
+        return str(table.to_html(float_format="{:.4g}".format, index=False))
 
     def _without_cost(self) -> Any:
-        """Return the data of `to_json` without what differs between equal results."""
+        """Return the data of `to_json` with cost and history replaced by 0.
+
+        Both differ between runs that have the same results.
+        """
         return self.to_json() | {"cost": 0, "history": 0}
 
     def __eq__(self, other: object) -> bool:
@@ -325,36 +346,37 @@ class ContactResult:
         )
 
     def __hash__(self) -> int:
+        """Return a hash that equal results share."""
         return hash((self.method, self.provenance.scene, len(self.steps)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return all but the fields in JSON types; see `plain` for infinities."""
+        """Return the result, without its fields, in JSON types.
+
+        The values of the last load step are at the top, too, beside "steps".  See
+        `plain` for numbers that JSON cannot hold.
+        """
         data = {"method": self.method, "converged": self.converged, **vars(self.final)}
-        for name in (
-            "steps",
-            "distribution",
-            "cost",
-            "history",
-            "notes",
-            "provenance",
-        ):
+        names = ("steps", "distribution", "cost", "history", "notes", "provenance")
+        for name in names:
             data[name] = getattr(self, name)
         json_data: dict[str, Any] = plain(data)
         return json_data
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> ContactResult:
-        """Return the result that `to_json` wrote, without fields.
+        """Return a result, without fields, from the data that `to_json` returned.
 
         Raises:
-            KeyError, TypeError, ValueError: `data` is not such a result.
+            KeyError, TypeError, ValueError: `data` has not the form of these data.
         """
-        saved = data["distribution"]
+        distribution = None
+        if data["distribution"] is not None:
+            distribution = PressureDistribution(**data["distribution"])
         return cls(
             method=data["method"],
             steps=tuple(_load_step(step) for step in data["steps"]),
             provenance=Provenance(**data["provenance"]),
-            distribution=None if saved is None else PressureDistribution(**saved),
+            distribution=distribution,
             cost=_numbers(data["cost"]),
             history=tuple(map(float, data["history"])),
             notes=tuple(map(str, data["notes"])),
@@ -363,7 +385,10 @@ class ContactResult:
 
 
 def _load_step(data: Mapping[str, Any]) -> LoadStep:
-    """Return a load step from its JSON data."""
+    """Return the load step of one item of "steps" in `ContactResult.to_json`.
+
+    Raises KeyError, TypeError or ValueError if the data have another form.
+    """
     areas = {kind: Areas(**_numbers(values)) for kind, values in data["areas"].items()}
     return LoadStep(
         mean_pressure=float(data["mean_pressure"]),
@@ -375,18 +400,24 @@ def _load_step(data: Mapping[str, Any]) -> LoadStep:
 
 
 def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return numbers by name, with strings such as "inf" read as numbers.
+    """Return a copy of numbers by name, with strings such as "inf" read as numbers.
 
-    Raises TypeError for other values, such as lists, which have no sign.
+    Raises TypeError for other values, such as lists, and ValueError for other strings.
     """
     numbers = {}
     for name, value in data.items():
-        numbers[name] = float(value) if isinstance(value, str) else +value
+        if isinstance(value, str):
+            numbers[name] = float(value)
+        else:
+            numbers[name] = +value  # raises TypeError for a value that is no number
     return numbers
 
 
 def _with_unit(column: str) -> str:
-    """Return the name of a column, or of its error, with the SI unit in words."""
+    """Return a column's name with its SI unit: "mean_pressure" gives "..._Pa".
+
+    column: a name of COLUMNS, or such a name with "_error" or "_error_by_<source>".
+    """
     unit = COLUMNS[column.partition("_error")[0]]
     unit = unit.replace("1/", "per_").replace("/", "_per_")
     unit = unit.replace("(", "").replace(")", "").replace(" ", "_")
@@ -394,16 +425,17 @@ def _with_unit(column: str) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in JSON types.
+    """Return a value in types that JSON has: dict, list, str, int, float, bool, None.
 
-    Numbers that JSON cannot hold become "inf", "-inf" or "nan", paths become strings,
-    and dataclasses become objects of their fields.
+    Numbers that JSON cannot hold become "inf", "-inf" or "nan".  Paths become strings,
+    arrays become lists, and dataclasses become dicts of their fields.
 
     Raises:
         TypeError: The value, or one inside of it, has no such form.
     """
     if isinstance(value, float):  # first, because most values are such numbers
-        return float(value) if math.isfinite(value) else str(float(value))
+        number = float(value)  # a numpy.float64 becomes a float of Python
+        return number if math.isfinite(number) else str(number)
     if value is None or isinstance(value, str | int):
         return value
     if is_dataclass(value):

@@ -25,10 +25,11 @@ _CHUNK = 1 << 20  # points taken at a time, so that no temporary has the grid's 
 
 
 def graded_pressures(largest: float, bins: int, *, both_ends: bool) -> FloatArray:
-    """Return (bins + 1,) pressures in Pa from 0 to `largest`, dense at 0 or both ends.
+    """Return the edges (bins + 1,) of bins of pressure in Pa, from 0 to `largest`.
 
-    They are quadratic there, so that bins have about the same number of points where P
-    is linear.
+    The edges are close together near 0, and with `both_ends` near `largest`, too: their
+    distance grows linearly there.  Bins then hold about the same number of grid points
+    where the density of the pressure is linear in the pressure.
     """
     angle = np.pi / 2 * np.arange(bins + 1) / bins
     grades = np.sin(angle) ** 2 if both_ends else 1 - np.cos(angle)
@@ -70,7 +71,13 @@ def pressure_distribution(
 def _edges(
     pressure: FloatArray, hardness: float, bins: int | Sequence[float] | FloatArray
 ) -> FloatArray:
-    """Return the edges of bins in Pa; see `pressure_distribution`."""
+    """Return the ascending edges (m,) of bins of pressure in Pa, from 0 on.
+
+    pressure: (n,) in Pa, whose largest value ends the bins if the hardness is infinite;
+    hardness: in Pa; bins: number of bins, or their edges, which are returned.
+
+    Raises InvalidScene if there are no bins, or the edges do not ascend from 0.
+    """
     if isinstance(bins, int | np.integer):
         if bins < 1:
             raise InvalidScene(f"bins is {bins}, but at least one is needed")
@@ -106,7 +113,9 @@ class EndFit:
 def end_fits(
     pressure: FloatArray, hardness: float, window: float, areas: tuple[Areas, Areas]
 ) -> tuple[EndFit, EndFit]:
-    """Return fits of P(sigma) near 0 and near the hardness.
+    """Return fits of the density of pressures near 0 and near the hardness.
+
+    The density P(sigma) is the fraction of the nominal area per pressure (1/Pa).
 
     Args:
         pressure: in Pa, of any shape.
@@ -115,6 +124,9 @@ def end_fits(
             small beside the width of P, so that the surplus area of the counted rims is
             within it.
         areas: raw and corrected areas as fractions of the nominal area.
+
+    Returns:
+        The fit near 0, and that near the hardness.
     """
     elastic = pressure[(pressure > 0) & (pressure < hardness * _ROUNDING)]
     raw, corrected = areas
@@ -131,16 +143,18 @@ def end_fits(
 
 
 def end_fit(area: float, moment: float, window: float, surplus: float = 0.0) -> EndFit:
-    """Return the fit to the area whose pressures are near an end.
+    """Return the fit of a density of pressures near one end of its range.
 
-    The line of density d and slope s has the area d w + s w^2/2 and the moment d w^2/2
-    + s w^3/3 within the window w.
+    The end is 0 or the hardness.  The window is the range of pressures next to it, and
+    w is its width.  The line of density d and slope s has the area d w + s w^2/2 and
+    the moment d w^2/2 + s w^3/3 within the window.
 
     Args:
-        area: within the window, as a fraction of the nominal area.
-        moment: integral of the distance from the end over this area, in Pa.
-        window: in Pa.
-        surplus: the part of the area that is due to the grid.
+        area: area with a pressure in the window, as a fraction of the nominal area.
+        moment: integral of the distance from the end (Pa) over this area fraction.
+        window: width of the window in Pa.
+        surplus: the part of the area that is due to the grid, as a fraction of the
+            nominal area.
     """
     slope = 12 * moment / window**3 - 6 * area / window**2
     density = area / window - slope * window / 2
@@ -150,11 +164,12 @@ def end_fit(area: float, moment: float, window: float, surplus: float = 0.0) -> 
 def extrapolate(
     points: FloatArray, values: FloatArray, order: float
 ) -> tuple[float, float]:
-    """Return the limit of v = limit + c n^-order for many points n, and its error.
+    """Return the limit of values on ever finer grids, and its error.
 
+    The values are fitted by limit + c n^-order, with n the points per wavelength.
     The error is the standard error of the least-squares fit, or twice the change of the
     limit without the coarsest value, whichever is larger.  With two values it is the
-    distance of the limit from the finer one.
+    distance of the limit from the value on the finer grid.
 
     Args:
         points: (m,) points per wavelength, in any order.

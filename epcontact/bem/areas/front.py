@@ -1,5 +1,8 @@
 """Where a front is: its position between two grid points.
 
+A front is the line around the contact, or around its plastic part.  A link joins two
+neighbouring grid points on both sides of a front.
+
 Between apart and elastic points the discrete problem on the half-line is solved by a
 Wiener-Hopf factorisation S_- S_+ of the compliance 2/(E* |q|), |q| < pi/dx.  In the
 continuum the pressure times the root of the distance from the front is a polynomial
@@ -71,7 +74,9 @@ KIND = 9
 
 
 class Links(NamedTuple):
-    """Fronts on links between two points, each field (n,); lengths are in spacings.
+    """Fronts on links between two neighbouring points; lengths are in spacings.
+
+    Each field is an array (n,) with one value for each link.
 
     Attributes:
         position: of the root of q, from the point inside; 1/2 if the front is pinned.
@@ -96,16 +101,26 @@ class Links(NamedTuple):
 
 @inlined
 def strip_width(width: float) -> float:
-    """Return the width in the continuum of a strip that is narrower than a spacing.
+    """Return the width in the continuum of a narrow strip of elastic contact.
 
-    width: that by its gradient on the grid, hardness/|grad v|, at most 1 spacing.
+    The strip lies between points apart and plastic points that are neighbours on the
+    grid.  Widths are in grid spacings.
+
+    width: the width by the gradient on the grid, hardness/|grad p|, at most 1.
     """
     return 4 / math.pi * math.exp(math.e * (1 - 1 / width) - _EULER_GAMMA)
 
 
 @inlined
 def released_width(unloaded_fraction: float, strip: float) -> float:
-    """Return how far a front has come off the edge of a flattened spot, in spacings.
+    """Return the distance from the edge of a flattened spot to the front, in spacings.
+
+    A flattened spot flowed plastically under an earlier, larger load; at its edge the
+    front is held until the load falls.
+
+    unloaded_fraction: the pressure that the last point inside has lost since the peak
+    load, as a fraction of the hardness; strip: width, in spacings, of the strip of
+    elastic contact beside the spot at the peak load.
 
     In the continuum the pressure beside the edge was H (2/pi) arcsin sqrt(s/d), with H
     the hardness and d the width of the `strip`.  A fall of the last pressure by a
@@ -123,14 +138,26 @@ def released_width(unloaded_fraction: float, strip: float) -> float:
 
 @inlined
 def fall_and_bend(first: float, before: float, last: float) -> tuple[float, float]:
-    """Return q(-1) - q(0), and how much more this is than q(-2) - q(-1)."""
+    """Return the fall of q between the last two points inside a front, and its bend.
+
+    q is pressure times the root of the distance from the front, which is smooth.  With
+    x counted from the last point outwards, the fall is q(-1) - q(0), and the bend is
+    this fall minus q(-2) - q(-1).
+
+    first, before, last: pressures in Pa of the last three points inside, from inside
+    out.
+    """
     fall = before + (MIX - 1) * last
     return fall, fall - (first + (MIX - 1) * before + (INNER - MIX) * last)
 
 
 @inlined
 def parabola_root(value: float, fall: float, bend: float) -> float:
-    """Return where value - fall x - bend x^2 first vanishes, at most 1."""
+    """Return the least x > 0 at which value - fall x - bend x^2 is 0, at most 1.
+
+    All coefficients are in the same unit, and x is dimensionless; value > 0.  The
+    result is 1 if the parabola does not fall at x = 0.
+    """
     if fall <= 0:
         return 1.0
     root = math.sqrt(max(fall * fall + 4 * bend * value, 0.0))
@@ -141,8 +168,8 @@ def parabola_root(value: float, fall: float, bend: float) -> float:
 def cubic_root(value: float, slope: float, square: float, cube: float) -> float:
     """Return the root of a cubic between 0 and 1, by two steps of Halley's method.
 
-    The cubic is value + slope x + square x^2 + cube x^3, with its values at 0 and 1 of
-    different signs.  Areas are as accurate as with the exact root.
+    The cubic is value + slope x + square x^2 + cube x^3: positive at 0 and negative at
+    1.  The root is approximate, but areas are as accurate as with the exact root.
     """
     chord = slope + square + cube
     x = -value / chord
@@ -161,21 +188,16 @@ def cubic_root(value: float, slope: float, square: float, cube: float) -> float:
 def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vectors
     values: FloatArray, count: int, hardness: float, links: Links
 ) -> None:
-    """Locate smooth fronts on `count` links, and find the kind of every link.
+    """Locate the fronts on links as if all were smooth, and find each link's kind.
 
-    values: (ROWS, n) as described at ROWS; its row KIND is written; hardness: the least
-    v of a plastic point.  The loop has no branches, so that the compiler handles
-    several links at once.
+    A link joins two neighbouring points on both sides of a front.  The loop has almost
+    no branches, so that the compiler handles several links at once.
+
+    values: (ROWS, n) values around each link, in Pa, see ROWS: row 2 is the last point
+    inside the front, row 3 the point outside; the row KIND is overwritten with bits for
+    `locate_special`.  count: the number of links, at most n.  hardness: the least value
+    of a plastic point, in Pa.  links: the arrays (n,) that are overwritten.
     """
-    (
-        position,
-        uncertainty,
-        pinned,
-        hidden_width,
-        at_kink,
-        unloaded_fraction,
-        steepening,
-    ) = links
     for n in range(count):
         first = values[0, n]
         before = values[1, n]
@@ -212,7 +234,7 @@ def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vecto
         # Where the last point is plastic, q tells by how much the front is off the root
         # of a straight line in v.
         line = last / (last - out)
-        position[n] = min(max(x + line + q0 / t1, 0.0), 1.0)
+        links.position[n] = min(max(x + line + q0 / t1, 0.0), 1.0)
         # The shift in the middle of the link if the last term is left out.
         last_term = t3 * 0.375 if gap else t2 / 4
         shift = min(max(last_term / t1, -ANYWHERE), ANYWHERE)
@@ -226,16 +248,16 @@ def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vecto
         other_t3 = t2 - (drop - bend / 2 + t1) / 3
         if peak & (abs(t3 - other_t3) > 8 / 3 * abs(t3)):
             shift = -AXIS_OFFSET
-        uncertainty[n] = shift
-        pinned[n] = 0.0
-        hidden_width[n] = 0.0
-        at_kink[n] = 0.0
-        unloaded_fraction[n] = 0.0
+        links.uncertainty[n] = shift
+        links.pinned[n] = 0.0
+        links.hidden_width[n] = 0.0
+        links.at_kink[n] = 0.0
+        links.unloaded_fraction[n] = 0.0
         elastic = last < hardness
         fall = before - last
         deeper_fall = first - before
         steeper = elastic & (fall > 0) & (deeper_fall > 0)
-        steepening[n] = (last - out) / fall - 1 if steeper else 0.0
+        links.steepening[n] = (last - out) / fall - 1 if steeper else 0.0
         # The kind of the link, for `locate_special`.
         resolved = (before > 0) & ((fall < 0) | ((first > 0) & (after <= 0)))
         jump = last - out > STEP * max(fall, out - after)
@@ -255,16 +277,12 @@ def locate(  # noqa: PLR0915 - one loop, which the compiler makes one over vecto
 def locate_special(  # noqa: PLR0912, PLR0915 - one kind of link after the other
     values: FloatArray, count: int, hardness: float, links: Links
 ) -> None:
-    """Locate fronts again on the links that are not smooth; see `locate`."""
-    (
-        position,
-        uncertainty,
-        pinned,
-        hidden_width,
-        at_kink,
-        unloaded_fraction,
-        steepening,
-    ) = links
+    """Locate the fronts again on the links where `locate` found a kind that is not 0.
+
+    These fronts are not smooth: they are at a step, a kink, an edge or a crease of the
+    surface, or at the edge of a spot that flowed under an earlier load (see the
+    module).  The arguments are those of `locate`; `links` is overwritten in place.
+    """
     for n in range(count):
         kind = int(values[KIND, n])
         if kind == 0:
@@ -278,23 +296,23 @@ def locate_special(  # noqa: PLR0912, PLR0915 - one kind of link after the other
         line = last / (last - out)
         if values[UNLOADED, n] > 0:
             fraction = values[UNLOADED, n]
-            unloaded_fraction[n] = fraction
-            steepening[n] = 0.0
-            position[n] += fraction * (line - position[n])
-            uncertainty[n] *= 1 - fraction
+            links.unloaded_fraction[n] = fraction
+            links.steepening[n] = 0.0
+            links.position[n] += fraction * (line - links.position[n])
+            links.uncertainty[n] *= 1 - fraction
             continue
         if kind & _CREASE:
             half_width, shift = crease_gap(before, last, out, after, end)
             if half_width > 0:
-                position[n] = 1 - half_width - shift + AXIS_OFFSET
-                uncertainty[n] = 0.0
-                at_kink[n] = 1.0
+                links.position[n] = 1 - half_width - shift + AXIS_OFFSET
+                links.uncertainty[n] = 0.0
+                links.at_kink[n] = 1.0
                 continue
         elastic = last < hardness
         step = kind & _STEP > 0
         kink = kind & _KINK > 0
         edge = kind & _EDGED > 0
-        holds = step and (position[n] < 0.5 or not elastic)
+        holds = step and (links.position[n] < 0.5 or not elastic)
         closes = 0.0  # where the gap closes, from the point outside, or the edge is
         if kink and not holds:
             closes = 1.0
@@ -304,20 +322,21 @@ def locate_special(  # noqa: PLR0912, PLR0915 - one kind of link after the other
                 closes = parabola_root(-out, out - after - bend, -bend)
         if edge:
             fall, bend = fall_and_bend(first, before, last)
-            position[n] = parabola_root(last, fall + bend / 2, bend / 2)
-            uncertainty[n] = bend / 2 / fall
-            closes = position[n]
+            links.position[n] = parabola_root(last, fall + bend / 2, bend / 2)
+            links.uncertainty[n] = bend / 2 / fall
+            closes = links.position[n]
         if elastic and (step or kink or closes >= 1):
             # The pressure is singular at an edge, and rises as a logarithm at a kink.
-            hidden_width[n] = (math.pi / 4 * last / hardness) ** 2
+            links.hidden_width[n] = (math.pi / 4 * last / hardness) ** 2
             if kink and not step:
-                hidden_width[n] = 3 ** ((last - hardness) / (last - before))
+                links.hidden_width[n] = 3 ** ((last - hardness) / (last - before))
         if holds or closes >= 1:
-            position[n] = 0.5
-            uncertainty[n] = 0.0
-            pinned[n] = 1.0
+            links.position[n] = 0.5
+            links.uncertainty[n] = 0.0
+            links.pinned[n] = 1.0
             continue
         if kink:
-            position[n] = min(max(1 - closes + AXIS_OFFSET * (1 - line), 0.0), 1.0)
+            x = 1 - closes + AXIS_OFFSET * (1 - line)
+            links.position[n] = min(max(x, 0.0), 1.0)
         if kink or edge or kind & _FLOWED:
-            at_kink[n] = 1.0
+            links.at_kink[n] = 1.0

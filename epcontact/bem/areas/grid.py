@@ -180,16 +180,21 @@ class _Cells(NamedTuple):
 
 
 def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) -> Any:
-    """Return the sums over blocks of cells of a periodic grid.
+    """Return sums over the fronts in blocks of cells of a periodic grid.
+
+    A front is the line around the contact, or around its plastic part.  A cell is the
+    square between four neighbouring points.
 
     Args:
         solution: pressure and gap on the grid.
         blocks: (n, 4) first row, row after the last, first column, column after the
             last of each block.
-        offsets: of a front in spacings, at WIDTHS.
+        offsets: (len(WIDTHS),) how far a located front lies outside the front in the
+            continuum, in spacings, by the width of the elastic strip beside it.
 
     Returns:
-        (n, 2) records of the fields of `Sums`.
+        A structured array (n, 2) with the fields of `Sums`: for each block, the sums
+        around the contact and those around its plastic part.
     """
     sizes = blocks[:, 1::2] - blocks[:, ::2]
     layers = len({*solution.stiffness})
@@ -241,7 +246,12 @@ def sweep(solution: Solution, blocks: NDArray[np.int64], offsets: FloatArray) ->
 
 @compiled
 def _fill(grid: Any, solution: Solution, block: NDArray[np.int64]) -> None:
-    """Fill the grid with the points of a block."""
+    """Overwrite the grid with the points of a block and PAD points around it.
+
+    grid: a `_Grid`, filled with v (the pressure minus the stiffness times the gap), the
+    states and the earlier flow; solution: a `Solution`, which is periodic; block: (4,)
+    first row, row after the last, first column, column after the last.
+    """
     pressure, gap, hardness, stiffness, flow, _ = solution
     first, last, left, right = block
     nx, ny = pressure.shape
@@ -279,10 +289,17 @@ def _fill(grid: Any, solution: Solution, block: NDArray[np.int64]) -> None:
 def _list_cells(
     grid: Any, cells: Any, block: NDArray[np.int64]
 ) -> tuple[int, int, int]:
-    """List the cells that the front crosses and the elastic points of a block.
+    """List the cells of a block that the front crosses, and its elastic points.
 
-    The cells include a row and a column before the block.  Returns the numbers of
-    points inside the front, of crossed cells and of elastic points.
+    The front separates points whose state is 0 from the others.  The lists include a
+    row and a column of cells before the block.
+
+    grid: the `_Grid` of the block; cells: the `_Cells` whose codes and lists are
+    overwritten; block: (4,) first row, row after the last, first column, column after
+    the last.
+
+    Returns the number of points inside the front, of crossed cells and of elastic
+    points.
     """
     first, last, left, right = block
     columns = np.int64(grid.columns)
@@ -326,10 +343,14 @@ def _list_cells(
 def _number_links(
     grid: Any, cells: Any, count: int, limits: tuple[float, float], values: Any
 ) -> int:
-    """Number the links of `count` crossed cells, and return how many there are.
+    """Number the links that a front crosses, and return the number of links.
 
-    limits: hardness, and that of earlier flow; values: filled with what `front.locate`
-    needs of each link, see its ROWS.
+    A link joins two neighbouring points on both sides of the front.
+
+    grid: the `_Grid` of a block; cells: its `_Cells`, whose link_x and link_y are
+    written; count: number of crossed cells; limits: hardness in Pa now and under the
+    earlier loads; values: (front.ROWS, n) that is filled with the values in Pa around
+    each link.
     """
     columns = np.int64(grid.columns)
     layer = np.int64(grid.layer)
@@ -358,10 +379,15 @@ def _copy_link(
     values: Any,
     link: int,
 ) -> None:
-    """Copy what `front.locate` needs of a link.
+    """Write the values around one link to the column `link` of `values`.
 
-    point: number of its later end along the axis; step: from point to point along it;
-    at: place of this point in v.
+    Six points along the axis of the link are copied from inside the front to outside;
+    the third is the last point inside.
+
+    grid: the `_Grid` of a block; point: number of the end of the link that is farther
+    along the axis; step: difference of the numbers of neighbouring points along the
+    axis; at: index in `grid.v` of the point; limits: hardness in Pa now and under the
+    earlier loads; values: (front.ROWS, n) in Pa; link: number of the link.
     """
     hardness, earlier_hardness = limits
     if grid.state[point] > 0:
@@ -382,7 +408,14 @@ def _copy_link(
 def _restore_peak(
     link: Any, lowered: FloatArray, start: Any, step: Any, hardness: float
 ) -> None:
-    """Say how a link has flowed before, and restore v at the peak load where it shows.
+    """Write how the points of a link flowed under earlier loads, in place.
+
+    If the link is at the edge of a flattened spot (points that flowed under an earlier,
+    larger load), the values are changed to those at that peak load.
+
+    link: (front.ROWS,) values in Pa around the link; lowered: earlier plastic
+    displacement of all points, as a pressure in Pa; start, step: index of the first of
+    six points in `lowered`, and the step to the next; hardness: in Pa, of that flow.
 
     At the edge of a flattened spot the pressure falls from the hardness to 0 within
     less than a spacing.  Unloading takes as much from both sides of it, so v at the
@@ -417,21 +450,17 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
     offsets: FloatArray,
     out: Any,
 ) -> None:
-    """Add the segments of a front in `count` crossed cells, and tips, to the sums.
+    """Add the straight segments of a front, and its narrow tips, to sums.
 
-    limits: hardness, and that of earlier flow; offsets: by the width of the strip
-    beside the front, _FINE for a spacing; out: (1,) record of the sums.
+    Each cell that the front crosses has one or two segments, between its links.
+
+    grid: the `_Grid` of a block; cells: its `_Cells`; count: number of crossed cells;
+    links: the located front on each link; limits: hardness in Pa now and under the
+    earlier loads; offsets: offset of a front in spacings by the width of the elastic
+    strip beside it, with _FINE entries for a width of one spacing; out: structured
+    array (1,) with the fields of `Sums`, to which is added.
     """
     hardness, earlier_hardness = limits
-    (
-        position,
-        uncertainty,
-        pinned,
-        hidden_width,
-        at_kink,
-        unloaded_fraction,
-        steepening,
-    ) = links
     sums = out[0]
     for m in range(count):
         k = np.uint64(cells.crossed[m])
@@ -472,12 +501,12 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
             one = np.uint64(sides[(corner + straight) & 3])
             other = np.uint64(sides[(corner + 3) & 3])
             # Distances of the crossings from the corner, along both sides.
-            x = 1 - cut_inside + sign * position[one]
-            y = 1 - cut_inside + sign * position[other]
+            x = 1 - cut_inside + sign * links.position[one]
+            y = 1 - cut_inside + sign * links.position[other]
             released = 0.0
             if len(grid.lowered):
-                back_x = released_width(unloaded_fraction[one], peak_strip)
-                back_y = released_width(unloaded_fraction[other], peak_strip)
+                back_x = released_width(links.unloaded_fraction[one], peak_strip)
+                back_y = released_width(links.unloaded_fraction[other], peak_strip)
                 x -= sign * back_x
                 y -= sign * back_y
                 released = (back_x + back_y) / 2
@@ -488,22 +517,23 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
                 length = math.sqrt(x * x + y * y)
                 sums.area += sign * x * y / 2
                 sums.turn += 0.25 * sign
-            held = (pinned[one] + pinned[other]) / 2
+            held = (links.pinned[one] + links.pinned[other]) / 2
             own = max(own_fraction, held) * length
             sums.length += own
             sums.shared += length - own
             sums.pinned += held * own
-            sums.at_kink += (at_kink[one] + at_kink[other]) / 2 * own
-            sums.hidden_zone += (hidden_width[one] + hidden_width[other]) / 2 * length
+            sums.at_kink += (links.at_kink[one] + links.at_kink[other]) / 2 * own
+            hidden_width = (links.hidden_width[one] + links.hidden_width[other]) / 2
+            sums.hidden_zone += hidden_width * length
             sums.released += released * length
             # The width of the strip follows from the slope of both its fronts.
-            strip = width * (1 + (steepening[one] + steepening[other]) / 4)
+            strip = width * (1 + (links.steepening[one] + links.steepening[other]) / 4)
             entry = np.uint64(min(_FINE * strip + 0.5, len(offsets) - 1.0))
             offset = offsets[entry] * (1 - held) * length
             sums.offset += offset
             sums.offset_cos += cos4 * offset
             sums.offset_sin += sin4 * offset
-            doubt = (uncertainty[one] + uncertainty[other]) / 2
+            doubt = (links.uncertainty[one] + links.uncertainty[other]) / 2
             sums.uncertainty += doubt * own * (1 - held)
             variance = doubt * doubt * (1 - held)
             if released > 0:
@@ -514,7 +544,14 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
 
 @inlined
 def _gradient(grid: Any, field: Any, k: Any) -> tuple[float, float, float]:
-    """Return the slopes of a field along x and y in cell k, and its sum there."""
+    """Return the slopes of a field along x and y in a cell, and the sum of its values.
+
+    Slopes are per spacing, and means of two sides of the cell.  The sum is that of the
+    four corners in both layers of the field (for links along x and along y).
+
+    grid: the `_Grid` of a block; field: its v or lowered; k: number of the cell, that
+    is, of its corner with the largest indices.
+    """
     unit, columns = grid.unit, grid.columns
     q = k + grid.layer
     a, b = field[k - columns - unit], field[k - unit]
@@ -528,9 +565,14 @@ def _gradient(grid: Any, field: Any, k: Any) -> tuple[float, float, float]:
 def _peak_width(
     grid: Any, k: Any, slope_x: float, slope_y: float, hardness: float, width: float
 ) -> float:
-    """Return the width of the strip in cell k at the peak load; `width` if none flowed.
+    """Return the width, at the peak load, of the elastic strip in a cell, in spacings.
 
-    In a flattened spot the other front does not move along, so the width is infinite.
+    The strip lies between the front of the contact and its plastic part.  The width is
+    infinite if all corners flowed under the peak load.
+
+    grid: the `_Grid` of a block; k: number of the cell; slope_x, slope_y: slopes of v
+    in Pa per spacing at the present load; hardness: in Pa, at the peak load; width: the
+    result if no corner flowed under the peak load.
     """
     lowered, unit, columns = grid.lowered, grid.unit, grid.columns
     more_x, more_y, total = _gradient(grid, lowered, k)
@@ -545,11 +587,15 @@ def _peak_width(
 
 @inlined
 def _tip(grid: Any, k: Any, hardness: float) -> float:
-    """Return the weight of point k as a tip of the gap, narrower than a spacing.
+    """Return the weight, from 0 to 1, of a point as a tip of a gap.
 
-    A point apart with at most two such neighbours, not on one line, is a tip.  It
-    counts less the narrower the strip beside the front is, which the steepest way to a
-    neighbour gives.
+    A tip is the end of a gap that is narrower than a spacing.  A point is a tip if it
+    is out of contact, at most two of its eight neighbours are, and contact touches it
+    both along x and along y.  Its weight is the square of the width of the elastic
+    strip beside it, in spacings and at most 1; the width is the hardness over the
+    largest difference of v to a neighbour.
+
+    grid: the `_Grid` of a block; k: number of the point; hardness: in Pa.
     """
     unit, columns, layer = grid.unit, grid.columns, grid.layer
     v, state = grid.v, grid.state
@@ -570,14 +616,18 @@ def _tip(grid: Any, k: Any, hardness: float) -> float:
 
 @compiled
 def _add_hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) -> None:
-    """Add the gaps that `count` elastic points may hide to the sums.
+    """Add to sums the gaps between elastic points that no grid point shows.
+
+    grid: the `_Grid` of a block; elastic: numbers of the elastic points, overwritten;
+    count: how many there are; hardness: in Pa; out: structured array (1,) with the
+    fields of `Sums`, to which is added.
 
     In full contact p is a smooth wave.  If it would fall to -p1 + p2 s^2 at the
     distance s from its lowest place, a gap of radius sqrt(3 p1/(2 p2)) opens, as a
     penny-shaped crack that closes smoothly.  This place is at most half a cell's
     diagonal away, so that p1 <= p2/2 - p.  At a crease (`hidden`) the pressure along it
     changes less than across it, by ALIKE; if it is 0 there, the gap shows.  A lone
-    point may be on a wedge.  elastic: their numbers, which are overwritten.
+    point may be on a wedge.
     """
     unit, columns, layer, v = grid.unit, grid.columns, grid.layer, grid.v
     sums = out[0]
@@ -628,5 +678,9 @@ def _add_hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) 
 
 @inlined
 def _least(v: Any, q: Any, across: Any, hardness: float) -> Any:
-    """Return the least v of point q and its neighbours, at most the hardness."""
+    """Return the least v (Pa) of a point and its two neighbours, at most the hardness.
+
+    v: values of all points; q: index of the point; across: difference of the indices
+    of neighbours; hardness: in Pa.
+    """
     return min(v[q - across], v[q], v[q + across], hardness)

@@ -40,7 +40,15 @@ inlined = numba.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True, _nrt=
 def crease_gap(
     far_left: float, left: float, centre: float, right: float, far_right: float
 ) -> tuple[float, float]:
-    """Return the half-width of the gap at a crease and its shift to the left, or zeros.
+    """Return the half-width of the gap at a crease and its shift to the left.
+
+    A crease is the line where two slopes of the surface meet in a valley; a gap there
+    can be narrower than a grid spacing.  Both results are in spacings, and both are 0
+    if the values are not those of a crease with such a gap.
+
+    Arguments: v of five points in a row across the crease, in one unit of pressure:
+    the pressure where a point is in contact, and minus STIFFNESS E*/dx times the gap
+    where it is not.
 
     In the continuum p falls to P + k ln s at a crease, and to k arccosh(s/w) beside a
     gap of the half-width w.  Both are the same far away if w = 2 exp(-P/k).  On the
@@ -81,7 +89,13 @@ def wedge_width(
     right: float,
     far_right: float,
 ) -> float:
-    """Return the width of the plastic ridge of a wedge whose load one point carries.
+    """Return the width in spacings of the plastic ridge that one grid point shows.
+
+    A wedge is a crest where two slopes of the surface meet.  Its ridge is plastic and
+    can be narrower than a spacing, so that one point carries its load.
+
+    hardness: in Pa.  Other arguments: v of five points in a row across the ridge, in
+    Pa, as in `crease_gap`, but hardness - v.
 
     The values v are those of the mirror image (`grid`), in which the wedge is a groove
     between two plastic points, `left` and `right`; the centre is elastic.  Where the

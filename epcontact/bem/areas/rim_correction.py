@@ -130,7 +130,11 @@ def estimate_areas(
 
 
 def _require_possible(name: str, values: FloatArray, hardness: float) -> None:
-    """Raise InvalidScene if a field has values that no solution has."""
+    """Raise InvalidScene if a field has values that no solution has.
+
+    name: "pressure" (Pa), "gap" (m) or "flowed" (m); values: the field; hardness: in
+    Pa, above which no pressure may be.  Only a gap may be negative.
+    """
     least = most = math.nan
     if values.size:
         least = values.min()
@@ -156,9 +160,13 @@ def sums_of_fronts(
     threads: int = 1,
     flowed: FloatArray | None = None,
 ) -> tuple[Sums, float, float, float]:
-    """Return the arguments of `areas_of_sums` for a solution on a grid.
+    """Return sums over the fronts of a solution on a grid.
 
-    The arguments are those of `estimate_areas`.
+    The arguments are those of `estimate_areas`, and are not checked.
+
+    Returns:
+        The arguments of `areas_of_sums`: the sums, the mean pressure over the hardness,
+        the number of cells of which they are the sums, and dx/dy.
     """
     if pressure.ndim == 1:  # a grid of one column, whose fronts are all straight
         pressure = pressure[:, None]
@@ -210,9 +218,10 @@ def areas_of_sums(
     """Return the corrected areas and their errors, as fractions of the nominal area.
 
     Args:
-        sums: over the fronts of one of the `copies`, because copies have equal errors.
-        load: mean pressure by the hardness.
-        cells: number of cells that the sums are of.
+        sums: over the fronts.  If the grid holds several copies of a shorter period,
+            the sums are those of one copy, because copies have equal errors.
+        load: mean pressure over hardness.
+        cells: number of cells (of one grid point each) of which the sums are.
         aspect: dx/dy.
     """
     oblong = OBLONG * math.log(aspect) ** 2
@@ -233,11 +242,14 @@ def areas_of_sums(
 def _possible(
     areas: FloatArray, covariance: FloatArray, load: float
 ) -> tuple[Areas, Areas]:
-    """Move total and plastic area to the nearest ones that carry the load.
+    """Return the areas, moved into the range that can carry the load, and their errors.
 
-    areas: as fractions of the nominal area, with their covariance (2, 2); load: mean
-    pressure by the hardness.  The distance moved adds to the errors, which are at most
-    those to the farther bound.
+    The total area is at least load and at most 1, and the plastic area is from 0 to
+    load.  The distance moved is added to the errors.  An error is at most the distance
+    to the farther bound.
+
+    areas: (2,) total and plastic area as fractions of the nominal area; covariance:
+    (2, 2) of both; load: mean pressure over hardness.
     """
     low = np.array([load, 0.0])
     high = np.array([1.0, load])
@@ -256,16 +268,25 @@ def _possible(
 
 
 def located_areas(sums: Sums, oblong: float) -> FloatArray:
-    """Return (2,) the areas in cells of the contact and of its plastic part.
+    """Return the areas (2,) of the contact and of its plastic part, in cells.
 
-    oblong: fraction by which the offset is larger on oblong cells.
+    The counted points are corrected by where the fronts were located; the load is not
+    used.
+
+    sums: over the fronts; oblong: fraction by which the offset of a front is larger on
+    oblong cells.
     """
     outward = (1 + oblong) * sums.offset + HARMONIC * sums.offset_cos + TIP * sums.tips
     return sums.area + np.array([-1, 1]) * outward + CORNER * sums.turn
 
 
 def _covariance(sums: Sums, oblong: float) -> FloatArray:
-    """Return the covariance (2, 2) of the areas in cells, without what no point shows.
+    """Return the covariance (2, 2) of contact area and plastic area, in cells squared.
+
+    Gaps and plastic zones between the grid points are not included.
+
+    sums: over the fronts; oblong: fraction by which the offset of a front is larger on
+    oblong cells.
 
     Random errors grow as the square root of a front's length, systematic errors as the
     length.  The systematic error of the positions is their uncertainty times 5/4 of the
@@ -295,11 +316,13 @@ def _covariance(sums: Sums, oblong: float) -> FloatArray:
 def _balance(
     areas: FloatArray, covariance: FloatArray, sums: Sums, load: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Improve the areas and their covariance (2, 2) by the load, one more measurement.
+    """Return areas and their covariance, improved by the load as one more measurement.
 
-    All are in cells, the load by the hardness: load = A_pl + phi (A - A_pl), with phi
-    the mean pressure of elastic points by the hardness.  This is right in strips, where
-    the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
+    areas: (2,) contact area and plastic area, in cells; covariance: (2, 2) of both;
+    sums: over the fronts; load: sum of the pressures of the cells over the hardness.
+
+    The load is A_pl + phi (A - A_pl), with phi the mean pressure of elastic points over
+    the hardness.  This is right in strips, where the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
     spacing, with the variance POINTS, but anything at edges and kinks, and TIP for each
     tip.  If areas and load differ by more than their errors explain, these grow until
     they do explain it (Birge, Phys. Rev. 40 (1932) 207).
@@ -321,10 +344,10 @@ def _balance(
 
 
 def copies(pressure: FloatArray) -> int:
-    """Return how often a periodic grid (nx, ny) repeats its shortest period.
+    """Return how many copies of its shortest period a periodic field holds.
 
-    Only periods of whole points are found.  Pressures of copies differ by less than
-    ALIKE of their range.
+    pressure: (nx, ny).  Only periods of whole points are found.  Two copies may differ
+    at a point by the fraction ALIKE of the range of the pressure.
     """
     allowed = ALIKE * float(pressure.max() - pressure.min())
     count = 1
@@ -343,7 +366,11 @@ def copies(pressure: FloatArray) -> int:
 
 
 def _repeats(rows: FloatArray, first: int, step: int, allowed: float) -> bool:
-    """Return True if each row is like the one `step` before it, from row `first` on."""
+    """Return True if each row is like the row that is `step` rows before it.
+
+    rows: (n, m) of a periodic field; first: the row that is compared first, which only
+    matters for speed; step: number of rows; allowed: largest difference at a point.
+    """
     n = len(rows)
     return all(
         np.abs(rows[i % n] - rows[i % n - step]).max() <= allowed
