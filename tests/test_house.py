@@ -37,7 +37,7 @@ TOKENS = {
     "epcontact.files": 859,
     "epcontact.harness": 37_126,
     "epcontact.interface": 2_698,
-    "epcontact.machine": 1_255,
+    "epcontact.machine": 1_236,
     "epcontact.materials": 1_664,
     "epcontact.output": 14_509,
     "epcontact.peers": 5_122,

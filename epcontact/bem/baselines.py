@@ -36,7 +36,12 @@ _STEPS_PER_REPORT = 100  # a step is short, so progress is not reported at each
 
 
 def _is_finished(level: Level, iterate: Iterate, options: Options) -> bool:
-    """Record the residual of the iterate; return True if the method must stop."""
+    """Record the residual and the cost in the iterate; return True to stop.
+
+    A method stops if the residual is at most `options.tolerance`, or after the largest
+    number of steps.  level: the grid; iterate: the state after the last step; options:
+    tolerance, number of steps and the function that reports progress.
+    """
     iterate.z, _, _ = measure_iterate(level, iterate.p, iterate.u)
     residual = max(kkt_residuals(level, iterate).values())
     iterate.history.append(residual)
@@ -125,8 +130,9 @@ def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
 def _rescale(p: FloatArray, cap: float, total: float) -> None:
     """Scale the pressures below the cap, in place, so that all pressures sum to total.
 
-    Pressures that the scaling brings above the cap are cut; if the sum is then wrong,
-    the nearest feasible pressure is taken.
+    p: pressures of any shape; cap: their upper bound, in the same unit.
+    total: the sum that is wanted.  Pressures that the scaling brings above the cap are
+    cut; if the sum is then wrong, the nearest feasible pressure is taken.
     """
     below = p < cap
     wanted = total

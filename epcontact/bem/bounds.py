@@ -97,9 +97,11 @@ def put(
         level: the grid, with the cap of the pressure.
         p: (nx, ny) pressure; its values at the points are overwritten.
         points: the elastic points.
-        cells: the cells of these points.
+        cells: the cells (squares of grid points) of these points.
         pressure: (points,) pressures before the step.
-        x: (points,) step, of zero mean.
+        x: (points,) change of the pressures, of zero mean.
+
+    All pressures are in units of the mean pressure.
     """
     flat = p.reshape(-1)
     cap = level.cap
@@ -126,9 +128,13 @@ def put(
 
 
 def gradient_step(level: Level, iterate: Iterate, length: float) -> float:
-    """Take one projected gradient step with exact line search; return the next length.
+    """Take one projected gradient step; return the length of the next one.
 
-    The iterate's pressure and displacement are replaced by new arrays.  Lengths are in
+    The step goes to the nearest feasible pressure of p - length * gap, or to the point
+    before it at which the energy is least.  The iterate's pressure and displacement are
+    replaced by new arrays.
+
+    level: the grid; iterate: changed in place; length: of this step.  Lengths are in
     mean pressures per m of gap.
     """
     p_old = iterate.p
@@ -155,12 +161,15 @@ def gradient_step(level: Level, iterate: Iterate, length: float) -> float:
 
 @compiled
 def share_forces(missing: Any, weight: Any, factor: Any, rounding: float) -> None:
-    """Find the factors, by cell, that restore the missing forces in place.
+    """Find a factor for each cell, so that the cells carry the missing forces.
 
-    A cell carries factor times weight, and no factor is beyond _LARGEST_FRACTION.
-    Cells that cannot carry their force pass the rest to blocks of 2 x 2, 4 x 4, ...
-    cells, until no more than `rounding` is missing.  All arrays are (mx, my); `missing`
-    and `factor` are overwritten.
+    A cell then carries factor times weight more.  No factor is beyond
+    -_LARGEST_FRACTION or _LARGEST_FRACTION.  The force that a cell cannot carry goes to
+    blocks of 2 x 2, 4 x 4, ... cells around it.
+
+    Arrays are (mx, my), forces in mean pressures times points.  missing: force that
+    each cell lacks, reduced in place; weight: the largest change of force; factor: 0 at
+    first, changed in place; rounding: force below which nothing counts as missing.
     """
     mx, my = missing.shape
     side = 1
@@ -178,10 +187,13 @@ def share_forces(missing: Any, weight: Any, factor: Any, rounding: float) -> Non
 def share_block(
     missing: Any, weight: Any, factor: Any, block: tuple[int, int, int, int]
 ) -> float:
-    """Restore the force of a block of cells by equal parts of what each can carry.
+    """Spread the missing force of a block over its cells, by what each can carry.
 
-    block: its first cell and the one behind its last, along x and along y.  Returns the
-    largest force that a cell still misses.
+    Returns the largest force that a cell of the block still lacks.
+
+    missing, weight, factor: (mx, my), see `share_forces`; missing and factor are
+    changed in place.  block: first row of cells, row after the last, first column,
+    column after the last.
     """
     first, last, begin, end = block
     wanted = 0.0
@@ -209,7 +221,10 @@ def share_block(
 
 @compiled
 def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
-    """Return the sum of clip(w + z, 0, cap) and the number of points between bounds."""
+    """Return the sum of clip(w + z, 0, cap), and the number of values not clipped.
+
+    w: (points,); z: shift; cap: upper bound; all are in the same unit.
+    """
     total = 0.0
     inside = 0
     for i in range(w.size):
@@ -224,7 +239,10 @@ def clipped_sum(w: Any, z: float, cap: float) -> tuple[float, int]:
 
 @compiled
 def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
-    """Write clip(w + z, 0, cap) to `out`."""
+    """Write clip(w + z, 0, cap) to `out`, which may be w.
+
+    w, out: (points,); z: shift; cap: upper bound; all are in the same unit.
+    """
     for i in range(w.size):
         out[i] = min(max(w[i] + z, 0.0), cap)
 
@@ -233,9 +251,12 @@ def shift_clip(w: Any, z: float, cap: float, out: Any) -> None:
 def put_clipped(
     cell: Any, sums: Any, p: Any, index: Any, pressure: Any, x: Any, cap: float
 ) -> None:
-    """Write clip(pressure + x, 0, cap) to p at the points, and sum by cell.
+    """Write clip(pressure + x, 0, cap) to p at listed points, and sum by cell.
 
-    sums[0] is the pressure that is cut off, sums[1] is p (1 - p/cap).
+    cell: (points,) number of each point's cell; sums: (2, cells), overwritten by the
+    sums of the pressure that is cut off and of p (1 - p/cap); p: (nx ny,) pressures of
+    the grid; index: (points,) flat indices of the points; pressure, x: (points,)
+    pressures and their changes; cap: upper bound, in the unit of the pressures.
     """
     sums[:] = 0.0
     for k in range(index.size):
@@ -250,9 +271,13 @@ def put_clipped(
 def spread(
     p: Any, index: Any, cell: Any, factor: Any, cap: float
 ) -> tuple[float, float]:
-    """Add factor[cell] p (1 - p/cap) to p at the points.
+    """Add factor[cell] p (1 - p/cap) to p at listed points.
 
-    Returns the sums of the new p and of p (1 - p/cap).
+    Returns the sums of the new p and of p (1 - p/cap) with the new p.
+
+    p: (nx ny,) pressures of the grid, changed in place; index: (points,) flat indices
+    of the points; cell: (points,) number of each point's cell; factor: (cells,); cap:
+    upper bound, in the unit of the pressures.
     """
     total = weight = 0.0
     for k in range(index.size):
@@ -268,7 +293,13 @@ def spread(
 def descent_products(
     p: Any, u: Any, h: Any, p_old: Any, u_old: Any
 ) -> tuple[float, float, float]:
-    """Return (u_old - h).d, d.(u - u_old) and d.d for d = p - p_old."""
+    """Return (u_old - h).d, d.(u - u_old) and d.d for the step d = p - p_old.
+
+    The first two are slope and curvature of the energy along the step.
+
+    p, p_old: (points,) pressures after and before the step; u, u_old: (points,) their
+    displacements; h: (points,) heights.
+    """
     slope = curvature = square = 0.0
     for i in range(p.size):
         d = p[i] - p_old[i]
@@ -280,7 +311,11 @@ def descent_products(
 
 @compiled
 def blend(p: Any, u: Any, p_old: Any, u_old: Any, fraction: float) -> None:
-    """Move p and u to a fraction of the way from the old to the new, in place."""
+    """Replace p and u by values at a fraction, from 0 to 1, of a step, in place.
+
+    p, u: (points,) pressures and displacements after the complete step; p_old, u_old:
+    those before it.
+    """
     for i in range(p.size):
         p[i] = p_old[i] + fraction * (p[i] - p_old[i])
         u[i] = u_old[i] + fraction * (u[i] - u_old[i])

@@ -144,10 +144,10 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
 
 
 def scene_symbol(scene: Scene) -> Symbol:
-    """Return the compliance of a scene's body; the grid of a line is (1, n).
+    """Return the compliance (m/Pa) of a scene's body for each mode of its grid.
 
-    Up to KEPT_POINTS points, scenes of equal compliance share one symbol and with it
-    what solves have cached there.
+    The grid of a line of n points is (1, n).  Up to KEPT_POINTS points, scenes of equal
+    compliance share one symbol and with it what solves have cached there.
     """
     surface = scene.surface
     nx, ny = (1, *surface.shape)[-2:]
@@ -164,14 +164,29 @@ def scene_symbol(scene: Scene) -> Symbol:
 
 @functools.lru_cache(maxsize=4)
 def _shared_symbol(values: bytes, rows: bytes, shape: tuple[int, int]) -> Symbol:
-    """Return the same symbol for equal values, so that surfaces share its cache."""
+    """Return one and the same symbol for equal arguments.
+
+    Scenes of equal compliance then share what is cached in the symbol.
+
+    values: bytes of the float64 array `Symbol.values`, in m/Pa; rows: bytes of the
+    int32 array `Symbol.rows`; shape: (nx, ny) points of the grid.
+    """
     numbers = np.frombuffer(values).reshape(-1, shape[1] // 2 + 1).copy()
     return Symbol(numbers, np.frombuffer(rows, dtype=np.int32).copy(), shape)
 
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The load path of a scene with the options of its solution; see `solve`."""
+    """The load path of a scene with the options of its solution; see `solve`.
+
+    Attributes:
+        scene: surface, material, body and load.
+        symbol: compliance of each mode, in m/Pa.
+        options: how each load is solved.
+        given_compliance: whether the user gave the compliance.
+        progress: the argument of `solve`.
+        on_step: the argument of `solve`.
+    """
 
     scene: Scene
     symbol: Symbol
@@ -222,7 +237,9 @@ class _Path:
     def _progress_of(
         self, load: int
     ) -> Callable[[tuple[int, ...], float], None] | None:
-        """Return the function of grid and residual that reports a load, by its index.
+        """Return a function (shape of grid, residual) that reports progress at a load.
+
+        It is None if the user wants no progress.  load: index of the load in the path.
 
         A grid's part of the work is proportional to its points, so that all coarser
         grids have a quarter of its work.  Residuals fall by equal factors in equal
@@ -236,6 +253,7 @@ class _Path:
         size = self.scene.surface.heights.size
 
         def report(grid: tuple[int, ...], residual: float) -> None:
+            """Report the progress at a residual (dimensionless) on a grid."""
             converged = math.log(max(residual, tolerance)) / math.log(tolerance)
             converged = min(max(converged, 0.0), 1.0)
             own_work = _COARSER_WORK + (1 - _COARSER_WORK) * converged
@@ -252,7 +270,11 @@ class _Path:
     def result(
         self, steps: tuple[LoadStep, ...], last: LoadedSurface, cost: dict[str, float]
     ) -> ContactResult:
-        """Return the result after some load steps, with the fields of the last one."""
+        """Return the result after some load steps, with the fields of the last one.
+
+        steps: of the loads that are solved; last: the surface under the last of these
+        loads; cost: seconds and counts by name.
+        """
         surface = self.scene.surface
         solution = last.solution
         hardness = self.scene.material.hardness
@@ -293,11 +315,14 @@ class _Path:
 def _warm_start(
     last: LoadedSurface, heights: FloatArray, following: float
 ) -> FloatArray | None:
-    """Return p - c g of the last solution in Pa, scaled to the following load.
+    """Return a pressure (nx, ny) in Pa from which the following load is solved.
 
-    Where p is 0, this start still shows how far away contact is.  Returns None if the
-    loads (Pa) are far apart.  heights: (nx, ny) in m, those that the following load
-    meets.
+    It is p - c g of the last solution, with the gap g and a stiffness c, scaled to the
+    following load: negative where p is 0, by how far away contact is.  The result is
+    None if the loads are far apart or the last load was 0.
+
+    last: the surface under the last load; heights: (nx, ny) in m under the following
+    load; following: this load in Pa.
     """
     problem = last.problem
     solution = last.solution
@@ -311,7 +336,11 @@ def _warm_start(
 
 
 def _load_step(scene: Scene, surface: LoadedSurface, threads: int) -> LoadStep:
-    """Return areas, quantities and residuals of one load."""
+    """Return the load step (areas, quantities, residuals) of a solved load.
+
+    scene: of the load path; surface: the solution, and the plastic flow before and
+    after it; threads: number of threads.
+    """
     load = surface.problem.mean_pressure
     solution = surface.solution
     # Unlike a product of a linear algebra library, this starts no threads.
@@ -402,7 +431,10 @@ def areas_and_quantities(
 
 
 def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -> Areas:
-    """Return the error of areas that were corrected as those of a half-space.
+    """Return the error of areas on any body, from that on a half-space.
+
+    Areas are fractions of the nominal area; corrected and error are those of a
+    half-space of the same material.
 
     On a layer this correction is uncertain: by twice the fraction by which the layer is
     stiffer than the half-space against waves of two spacings.

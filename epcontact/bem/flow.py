@@ -68,6 +68,9 @@ def solve_load(
         start: (nx, ny) pressure in Pa to start from; None: start on coarser grids.
         flow: (nx, ny) plastic displacement before this load in m; None: none.
         peak: load in Pa that has left this flow; below it nothing flows; 0: unknown.
+
+    Raises:
+        NotConverged: the tolerance was not met within the steps allowed.
     """
     load = problem.mean_pressure
     solution = solve_problem(problem, options, start) if load else _apart(problem)
@@ -87,7 +90,10 @@ def solve_load(
 
 
 def _apart(problem: GridProblem) -> PressureSolution:
-    """Return the solution at no load: no pressure, the flat on the highest point."""
+    """Return the solution at no load: no pressure, the flat on the highest point.
+
+    problem: the grid and its heights; its mean pressure is not used.
+    """
     p, u = np.zeros((2, *problem.symbol.shape))
     residuals = dict.fromkeys(("gap_elastic", "gap_sign", "bounds", "force"), 0.0)
     counts = dict.fromkeys(
@@ -101,8 +107,8 @@ def plastic_displacement(
 ) -> FloatArray:
     """Return the plastic displacement (nx, ny) in m after a load.
 
-    It is that before the load, `flow` (None: none), and -g where the pressure is at the
-    hardness.
+    It is the plastic displacement before the load, `flow` in m (None: there was none),
+    plus -g where the pressure is at the hardness, with the gap g of the solution.
     """
     w = solution.gap(problem.heights)
     w[solution.pressure < problem.hardness] = 0.0
@@ -114,9 +120,12 @@ def plastic_displacement(
 def _pressure_error(
     problem: GridProblem, solution: PressureSolution, tolerance: float
 ) -> float:
-    """Return the error of a pressure in Pa, with that of the solve that left the flow.
+    """Return the error of a pressure in Pa: that of the gap times the stiffness.
 
-    It is the error of the gap divided by the compliance of the shortest wave.
+    The error of the gap comes from the residuals of this solution and the tolerance of
+    an earlier one, which left the flow.  The stiffness is that of the shortest wave.
+
+    problem: of this solution; tolerance: of the residuals, dimensionless.
     """
     residual = max(solution.residuals.values()) + tolerance
     return residual * problem.gap_scale() / problem.symbol.shortest()
@@ -129,7 +138,11 @@ def _put_on_hardness(
     error: float,
     peak: float,
 ) -> None:
-    """Put pressures that have come back to the hardness within their error on it.
+    """Set pressures that have returned to the hardness, within their error, to it.
+
+    problem: the load on the surface that earlier flow has left; solution: its
+    pressures are changed in place; flow: (nx, ny) plastic displacement before this load
+    in m; error: of a pressure in Pa; peak: largest load before in Pa, 0 if unknown.
 
     When a load returns to the largest one before it, both the gap and the distance of
     the pressure from the hardness vanish where the surface has flowed: rounding would

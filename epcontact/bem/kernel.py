@@ -48,7 +48,10 @@ def surface_compliance(
 ) -> FloatArray:
     """Return the compliance C(q) in m/Pa of a body at wave numbers.
 
-    wavenumber: q in rad/m, of any shape; C(0) is that of the module's docstring.
+    C(q) is the displacement of a pressure wave over its pressure.  At q = 0, a uniform
+    pressure, it is 0 for a half-space, and depth over oedometric modulus for a layer.
+
+    wavenumber: q in rad/m, of any shape.
     """
     q = np.asarray(wavenumber, dtype=np.float64)
     zero = q == 0
@@ -67,7 +70,10 @@ def surface_compliance(
 
 
 def _bonded_factor(x: FloatArray, nu: float) -> FloatArray:
-    """Return the brackets of the bonded layer's compliance at x = q d."""
+    """Return the compliance of a bonded layer over that of the half-space.
+
+    x: wave number q times depth d, of any shape; nu: Poisson's ratio.
+    """
     k = 3 - 4 * nu
     decay = np.exp(-2 * x)
     numerator = k * (1 - decay * decay) / 2 - 2 * x * decay
@@ -82,7 +88,10 @@ def _bonded_factor(x: FloatArray, nu: float) -> FloatArray:
 
 
 def _sliding_factor(x: FloatArray) -> FloatArray:
-    """Return the brackets of the sliding layer's compliance at x = q d."""
+    """Return the compliance of a sliding layer over that of the half-space.
+
+    x: wave number q times depth d, of any shape.
+    """
     decay = np.exp(-2 * x)
     # expm1 gives cosh 2x - 1 without cancellation.
     numerator = np.expm1(-2 * x) ** 2 / 2
@@ -92,10 +101,12 @@ def _sliding_factor(x: FloatArray) -> FloatArray:
 def quarter_compliance(
     shape: tuple[int, int], periods: tuple[float, float], body: Body, material: Material
 ) -> FloatArray:
-    """Return C(q) in m/Pa on the non-negative quarter of the modes of a grid.
+    """Return the compliance C(q) in m/Pa on a quarter of the modes of a grid.
 
-    The result is (nx//2 + 1, ny//2 + 1); periods are in m.  It is filled by a few rows
-    at a time, so that no temporary array of the grid's size is made.
+    The quarter holds the modes of non-negative wave numbers: (nx//2 + 1, ny//2 + 1).
+    shape: (nx, ny) points; periods: length of the grid along x and y in m.  It is
+    filled by a few rows at a time, so that no temporary array of the grid's size is
+    made.
     """
     nx, ny = shape
     qx = 2 * np.pi / periods[0] * np.arange(nx // 2 + 1)

@@ -45,6 +45,11 @@ class Level:
     def __init__(
         self, problem: GridProblem, gap_scale: float, workers: Workers
     ) -> None:
+        """Prepare a grid problem for iterations.
+
+        problem: heights, compliance and load; gap_scale: length in m by which gap
+        residuals are divided; workers: threads of the solve.
+        """
         # Read-only as the heights of a scene are, so that kernels are compiled for one
         # kind of array.
         self.heights = problem.heights.view()
@@ -58,7 +63,10 @@ class Level:
         self.parts = [slice(a.start * ny, a.stop * ny) for a in self.convolution.rows]
 
     def split(self, *fields: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """Return, for each field (nx, ny), the flat views of its blocks."""
+        """Return, for each field (nx, ny), a list of flat views, one for each block.
+
+        A block is a range of rows that one thread works on.
+        """
         return [split(field.reshape(-1), self.parts) for field in fields]
 
 
@@ -90,7 +98,11 @@ class Iterate:
 
 
 def first_iterate(level: Level, p: FloatArray) -> Iterate:
-    """Return the iterate of a feasible pressure p (nx, ny), which steps overwrite."""
+    """Return the iterate of a pressure, with its displacement and no steps taken.
+
+    level: the grid; p: (nx, ny) pressures in units of the mean pressure, from 0 to the
+    cap and of mean 1.  The iterate holds p itself, and its steps overwrite p.
+    """
     iterate = Iterate(p, np.empty_like(p))
     level.convolution.apply(p, iterate.u)
     return iterate
@@ -99,11 +111,15 @@ def first_iterate(level: Level, p: FloatArray) -> Iterate:
 def measure_iterate(
     level: Level, p: FloatArray, u: FloatArray
 ) -> tuple[float, float, float]:
-    """Return (offset z in m, mean of p, energy) of a pressure and its displacement.
+    """Return (offset z of the flat in m, mean of p, energy) of a pressure.
 
-    The energy is in mean pressures times m, summed over the points.  If no point is
-    between its bounds, the offset is the middle of the range that the other two sets
-    allow.
+    The offset is the mean of h - u over the elastic points, so that the mean gap there
+    is 0.  If no point is elastic, the offset is the middle of the range in which no
+    point without pressure penetrates and no plastic point separates.  The energy, the
+    sum of p (u/2 - h), is in mean pressures times m.
+
+    level: the grid; p: (nx, ny) pressures in units of the mean pressure; u: (nx, ny)
+    their displacements in m.
     """
     sums = level.workers.total(
         sum_iterate, *level.split(p, u, level.heights), level.cap
@@ -124,15 +140,18 @@ def measure_iterate(
 
 
 def states(p: FloatArray, cap: float) -> StateArray:
-    """Return the state of each point: 0 (apart) where p = 0, 2 (plastic) where p = cap.
+    """Return the contact state of each point, an array of the shape of p.
 
-    It is 1 (elastic) between.  p, cap: in the same unit.
+    It is 0 (apart) where p = 0, 1 (elastic) where 0 < p < cap, and 2 (plastic) where
+    p = cap.
+
+    p: pressures of any shape; cap: their upper bound, in the same unit.
     """
     return (p > 0).astype(np.uint8) + (p >= cap)
 
 
 def kkt_residuals(level: Level, iterate: Iterate) -> dict[str, float]:
-    """Return the largest violation of each optimality condition, dimensionless.
+    """Return the largest violation of each optimality condition by name, dimensionless.
 
     gap_elastic is |g| where 0 < p < cap, and gap_sign is the wrong sign of g at a
     bound; both are divided by the level's gap scale.  bounds is the pressure beyond its
@@ -156,6 +175,9 @@ def kkt_residuals(level: Level, iterate: Iterate) -> dict[str, float]:
 def put_on_bounds(level: Level, p: FloatArray) -> bool:
     """Move pressures within rounding of a bound onto it; return True if any was moved.
 
+    The bounds are 0 and the cap of the level.  p: (nx, ny) pressures in units of the
+    mean pressure, changed in place.
+
     If points on the bounds carry all of the load, the pressures of the others are only
     the rounding of a sum.
     """
@@ -166,7 +188,11 @@ def put_on_bounds(level: Level, p: FloatArray) -> bool:
 
 @compiled
 def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
-    """Move pressures within `rounding` of a bound onto it; return (their number,)."""
+    """Move pressures within `rounding` of 0 or the cap onto it, in place.
+
+    Returns (the number of pressures moved,).  p: (points,), in the unit of cap and
+    rounding.
+    """
     moved = 0
     for i in range(p.size):
         if 0.0 < p[i] < rounding:
@@ -182,10 +208,15 @@ def move_to_bounds(p: Any, cap: float, rounding: float) -> tuple[int]:
 def violations(
     p: Any, u: Any, h: Any, z: float, cap: float
 ) -> tuple[float, float, float, float]:
-    """Return the largest violations of three conditions in a block, and the sum of p.
+    """Return the largest violations of three conditions, and the sum of p.
 
-    These are |g| where 0 < p < cap, g of the wrong sign elsewhere, and p beyond its
-    bounds.
+    With the gap g = u + z - h, the violations are |g| where 0 < p < cap (m), the
+    penetration -g where p = 0 and the gap g where p = cap (m), and the distance of p
+    from the range 0 to cap.
+
+    p: (points,) pressures in units of the mean pressure; u: (points,) displacements in
+    m; h: (points,) heights in m; z: height of the rigid flat in m; cap: hardness in
+    units of the mean pressure.
     """
     elastic = sign = bounds = force = 0.0
     for i in range(p.size):
@@ -203,9 +234,12 @@ def violations(
 
 @compiled
 def sum_iterate(p: Any, u: Any, h: Any, cap: float) -> tuple[float, int, float, float]:
-    """Return the sum of h - u over the points with 0 < p < cap and their number.
+    """Return four sums over points: of h - u, of points, of p and of p (u/2 - h).
 
-    The sums of p and of p (u/2 - h) over all points follow.
+    The first two sums are over the elastic points, where 0 < p < cap.
+
+    p: (points,) pressures; u: (points,) their displacements in m; h: (points,) heights
+    in m; cap: hardness, in the unit of p.
     """
     total = force = energy = 0.0
     number = 0

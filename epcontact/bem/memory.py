@@ -67,7 +67,10 @@ def require_memory(surface: Surface, load: Load, material: Material) -> None:
 
 
 def _sampled_slope(surface: Surface) -> float:
-    """Return the rms slope of a part of the heights, whatever the size of the grid."""
+    """Return the rms slope (m/m) of a small part of the heights.
+
+    The part has the same size on all large grids, so that the estimate takes no time.
+    """
     heights = surface.heights
     if heights.ndim == 1:
         rises = [np.diff(heights)]

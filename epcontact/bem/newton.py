@@ -100,7 +100,10 @@ class _Sets:
     elastic_by_block: list[int]
 
     def areas_settled(self, tolerance: float, history: list[float]) -> bool:
-        """Return True if no area changes by more than `tolerance` after a full step.
+        """Return True if the areas have settled to a relative change of `tolerance`.
+
+        It is called after a full step.  history: largest dimensionless residual after
+        each step, the last one included.
 
         The sets do not count while the residual is near the first one: with many points
         a wavelength, fronts move by less than a point while forces are out of balance.
@@ -137,10 +140,14 @@ class _Step:
 
 
 def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve on one grid from a feasible start p (nx, ny), which is overwritten.
+    """Solve on one grid by the Newton method of this module.
 
     The iterate that is returned has met its goal if its `settled` is True; otherwise
     the steps allowed were not enough.
+
+    level: the grid; p: (nx, ny) pressures to start from, in units of the mean pressure,
+    from 0 to the cap and of mean 1, overwritten; options: tolerance, largest number of
+    steps and the function that reports progress.
     """
     iterate = first_iterate(level, p)
     inner = InnerOperators(level.convolution)
@@ -186,7 +193,10 @@ def solve_level(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def _is_slow(history: list[float]) -> bool:
-    """Return True if the residual has not halved within the last _SLOW steps."""
+    """Return True if the residual has not halved within the last _SLOW steps.
+
+    history: largest residual after each step.
+    """
     return len(history) > _SLOW and history[-1] > 0.5 * history[-1 - _SLOW]
 
 
@@ -215,7 +225,11 @@ def _best_fraction(level: Level, iterate: Iterate, step: _Step, energy: float) -
 
 
 def _cut_step(level: Level, iterate: Iterate, step: _Step, fraction: float) -> None:
-    """Go back to a fraction of the step, in place."""
+    """Cut a step: go back to a fraction of it, from 0 to 1.
+
+    level: the grid; iterate: the state after the complete step, whose pressure and
+    displacement are changed in place; step: the pressures before it.
+    """
     p = iterate.p.reshape(-1)
     index = step.points.index
     p[index] = step.pressure + fraction * (p[index] - step.pressure)
@@ -223,7 +237,14 @@ def _cut_step(level: Level, iterate: Iterate, step: _Step, fraction: float) -> N
 
 
 def _update_sets(level: Level, iterate: Iterate, state: StateArray) -> _Sets:
-    """Overwrite `state` with the sets that the iterate calls for, and count them."""
+    """Overwrite `state` with the sets for the next step; count the points in each.
+
+    A set holds the points that are apart (0), elastic (1) or plastic (2).  Points on a
+    bound where the gap has the wrong sign become elastic.
+
+    level: the grid; iterate: pressures, displacements and offset of the flat; state:
+    (nx, ny) the sets of the last step.
+    """
     fields = level.split(iterate.p, iterate.u, level.heights, state)
     parts = level.workers.each(update_states, *fields, iterate.z, level.cap)
     changed, elastic, plastic, entering, unloading, worst = zip(*parts, strict=True)
@@ -247,7 +268,15 @@ def _newton_step(
     energy: float,
     tolerance: float,
 ) -> _Step | None:
-    """Take one outer step; return None if there was nothing to solve for."""
+    """Take one Newton step, and return what was before it.
+
+    If only one point is elastic, a projected gradient step is taken instead, and None
+    is returned.
+
+    level: the grid; inner: operators of the linear problem; iterate: changed in place;
+    state: (nx, ny) set of each point; sets: numbers of points in the sets; energy: that
+    before the step, see `measure_iterate`; tolerance: of the residual, dimensionless.
+    """
     ends = np.cumsum([0, *sets.elastic_by_block]).tolist()
     parts = [slice(*pair) for pair in itertools.pairwise(ends)]
     integers = np.int32 if level.heights.size < 2**31 else np.int64
@@ -286,9 +315,19 @@ def _newton_step(
 def update_states(
     p: Any, u: Any, h: Any, state: Any, z: float, cap: float
 ) -> tuple[int, int, int, int, int, float]:
-    """Overwrite `state` with the sets to solve on, given the offset z; see `_Sets`.
-    The elastic set holds the points between their bounds, and those on a bound where
-    the gap g = u + z - h has the wrong sign.
+    """Overwrite `state` with the sets on which the next step solves.
+
+    The elastic set (1) holds the points between their bounds, and those on a bound
+    where the gap g = u + z - h has the wrong sign; the others are apart (0) or plastic
+    (2).
+
+    p: (points,) pressures in units of the mean pressure; u: (points,) displacements in
+    m; h: (points,) heights in m; state: (points,); z: height of the flat in m; cap:
+    hardness in units of the mean pressure.
+
+    Returns the numbers of points whose set has changed, of elastic points, of plastic
+    points, of points that come into contact, and of points that cease to be plastic,
+    and the largest violation of the conditions on the gap in m.
     """
     changed = elastic = plastic = entering = unloading = 0
     worst = 0.0
@@ -326,9 +365,12 @@ def collect(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by
     pressure: Any,
     residual: Any,
 ) -> None:
-    """Return index, pressure and h - u - z of the elastic points of a block.
+    """Write index, pressure and residual h - u - z of the elastic points of a block.
 
-    first: flat index of the block's first point.
+    p: (n,) pressures of the block; u: (n,) displacements in m; h: (n,) heights in m;
+    state: (n,), 1 at the elastic points; first: flat index of the block's first point;
+    z: height of the flat in m; index, pressure, residual: (elastic points,) arrays that
+    are overwritten.
     """
     k = 0
     for i in range(p.size):

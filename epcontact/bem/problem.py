@@ -96,6 +96,7 @@ class Options:
     )
 
     def __post_init__(self) -> None:
+        """Check the options; raise InvalidScene if one is out of its range."""
         set_frozen(self, tolerance=fraction("tolerance", self.tolerance))
         if self.area_tolerance is not None:
             set_frozen(
@@ -177,7 +178,11 @@ def symbol_from_compliance(
 
 
 def _require_gradual(values: FloatArray, shape: tuple[int, int]) -> None:
-    """Raise InvalidScene if a compliance falls too fast to a wave of half the length.
+    """Raise InvalidScene if a compliance falls too fast with the wave number.
+
+    From a wave to the wave of half its length it may fall by the factor STEEPEST.
+
+    values: (nx, ny // 2 + 1) in m/Pa for each mode; shape: (nx, ny) points.
 
     The pressures of short waves would be out of all proportion, and a solve would not
     end.
@@ -190,7 +195,11 @@ def _require_gradual(values: FloatArray, shape: tuple[int, int]) -> None:
 
 
 def _require_gradual_along(compliance: FloatArray, direction: str) -> None:
-    """Check compliances (modes,) from mode 1 on along a direction."""
+    """Raise InvalidScene if a compliance falls by more than STEEPEST from a mode.
+
+    compliance: (modes,) in m/Pa of the modes 1, 2, ... along one direction, of which
+    mode 2 n has half the wavelength of mode n; direction: its name for the message.
+    """
     count = compliance.size // 2
     if not count:
         return
@@ -206,10 +215,11 @@ def _require_gradual_along(compliance: FloatArray, direction: str) -> None:
 
 
 def start_pressure(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
-    """Check a user's start pressure (Pa); return it with -inf where it is exactly 0.
+    """Return a user's start pressure in Pa, with -inf where it is exactly 0.
 
-    A point without pressure stays apart: rounding of the load would otherwise bring it
-    into contact.  Raises InvalidScene as `checked_field` does.
+    shape: that of the heights, which the pressure must have.  A point without pressure
+    stays apart: rounding of the load would otherwise bring it into contact.  Raises
+    InvalidScene if the pressure is not finite or has another shape.
     """
     start = checked_field("start", given, shape, "finite pressures", -math.inf)
     return np.where(start == 0, -math.inf, start)
@@ -224,8 +234,11 @@ def checked_field(
 ) -> FloatArray:
     """Return a user's field as a new array of 64-bit floats.
 
-    Raises InvalidScene, which says that `expected` values are needed, unless the field
-    has the shape, is finite, and is nowhere below `least`.
+    name, expected: of the field and of its values, for the message; given: the field;
+    shape: that it must have; least: smallest value that is allowed.
+
+    Raises InvalidScene if the field has another shape, is not finite, or is somewhere
+    below `least`.
     """
     values = array(name, given).copy()
     valid = values.shape == shape and np.isfinite(values).all()

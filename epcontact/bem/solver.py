@@ -124,6 +124,7 @@ def solve_problem(
 ) -> PressureSolution:
     """Solve a grid problem with a mean pressure above 0.
 
+    problem: heights, compliance, mean pressure and hardness; options: how to solve;
     start: (nx, ny) pressure in Pa to start from; None: start on coarser grids.  Raises
     NotConverged if the tolerance is not met within the steps allowed.
     """
@@ -184,7 +185,7 @@ def solve_problem(
 
 
 def _notes(iterate: Iterate) -> tuple[str, ...]:
-    """Return sentences about the fallbacks that a solve has taken."""
+    """Return sentences for the user about fallbacks of a solve; none if it had none."""
     if not iterate.cut:
         return ()
     return (
@@ -228,14 +229,16 @@ def _coarse_guess(
 
 
 def coarser(symbol: Symbol) -> tuple[int, int] | None:
-    """Return the shape of the next coarser grid; None if there is none.
+    """Return the shape (nx, ny) of the next coarser grid; None if there is none.
 
-    Each direction of more than COARSEST points is halved.  If points are far apart
-    along one axis, the other axis is halved alone as long as it can be.
+    symbol: compliance of each mode of the grid.  Each direction of more than COARSEST
+    points is halved.  If points are far apart along one axis, the other axis is halved
+    alone as long as it can be.
     """
     nx, ny = symbol.shape
     x_far, y_far = symbol.far()
-    half_x, half_y = _half(nx), _half(ny)
+    half_x = _half(nx)
+    half_y = _half(ny)
     if x_far and half_y < ny:
         half_x = nx
     elif y_far and half_x < nx:
@@ -245,9 +248,9 @@ def coarser(symbol: Symbol) -> tuple[int, int] | None:
 
 
 def _half(number: int) -> int:
-    """Return half as many points, or a few more, so that all levels transform fast.
+    """Return half as many points of a direction, or a few more for fast transforms.
 
-    At most COARSEST points are not halved.
+    A number of at most COARSEST points is returned as it is.
     """
     if number <= COARSEST:
         return number
@@ -264,6 +267,9 @@ def coarsened_heights(
 
     They lack the modes that the coarse grid cannot hold, and the unpaired mode of an
     even number of points.
+
+    heights: (nx, ny) in m; shape: (mx, my) of the result, at most (nx, ny); workers:
+    threads of the transforms.
     """
     nx, ny = heights.shape
     mx, my = shape
@@ -274,6 +280,7 @@ def coarsened_heights(
     out = np.empty(shape)
 
     def cut(block: ComplexArray, columns: slice) -> ComplexArray:
+        """Return the modes (mx, columns) of the coarse grid from those of the fine."""
         target = coarse[:, columns]
         target[:rows_kept] = block[:rows_kept]
         if mx < nx and rows_kept > 1:
@@ -293,7 +300,10 @@ def coarsened_heights(
 def interpolated(
     coarse: FloatArray, shape: tuple[int, ...], workers: Workers
 ) -> FloatArray:
-    """Return a periodic field (mx, my) on a finer grid, by cubics of four points."""
+    """Return a periodic field on a finer grid, by cubic interpolation.
+
+    coarse: (mx, my); shape: (nx, ny) of the result; workers: threads.
+    """
     index, weights = _neighbours(coarse.shape[0], shape[0])
     columns, column_weights = _neighbours(coarse.shape[1], shape[1])
     out = np.empty(shape)
@@ -339,7 +349,9 @@ def interpolate(
 ) -> None:
     """Write the weighted sums of the 4 x 4 coarse neighbours of each point to `out`.
 
-    rows, row_weights: (rows of out, 4); columns, column_weights: (columns of out, 4).
+    coarse: (mx, my); rows, row_weights: (rows of out, 4) coarse rows beside each row of
+    out, and their weights; columns, column_weights: (columns of out, 4) the same for
+    the columns; out: rows of the fine grid, overwritten.
     """
     line = np.empty(coarse.shape[1])
     for i in range(out.shape[0]):

@@ -52,7 +52,12 @@ _NARROWEST_BLOCK = 8  # columns
 
 
 def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
-    """Transform each row of `values`, and keep as many modes as `modes` has columns."""
+    """Write the real Fourier transform of `values` to `modes`.
+
+    values: (rows, ny); modes: (rows, columns), overwritten; the first modes of each row
+    are kept if it has fewer columns than ny // 2 + 1; axes: ROWS to transform each row,
+    BOTH to transform rows and columns, which keeps all modes.
+    """
     if modes.shape[1] == values.shape[1] // 2 + 1:
         ducc0.fft.r2c(values, axes=axes, out=modes, nthreads=1)
     else:
@@ -62,9 +67,10 @@ def to_modes(values: RealArray, modes: ComplexArray, axes: Axes = ROWS) -> None:
 def to_values(
     modes: ComplexArray, values: RealArray, inorm: int = 0, axes: Axes = ROWS
 ) -> None:
-    """Transform each row of `modes` back into `values`; `modes` is overwritten.
+    """Write the inverse of `to_modes` to `values`; `modes` is overwritten, too.
 
-    inorm: 2 divides by the number of points, 0 does not.
+    modes: (rows, ny // 2 + 1); values: (rows, ny); inorm: 2 divides by the number of
+    points, 0 does not; axes: as in `to_modes`.
     """
     ducc0.fft.c2r(
         modes,
@@ -97,6 +103,7 @@ def through_columns(
     """
 
     def through(columns: slice) -> None:
+        """Transform, change and transform back one block of columns."""
         block = modes[:, columns]
         if block.shape[0] > 1:
             ducc0.fft.c2c(block, axes=(0,), forward=True, out=block, nthreads=1)
@@ -110,9 +117,9 @@ def through_columns(
 
 
 def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatArray:
-    """Return `values` (mx, my) with each mode of their transform times `modes`.
+    """Return a field with each mode of its Fourier transform times a factor.
 
-    modes: (mx, my // 2 + 1) factors.
+    values: (mx, my); modes: (mx, my // 2 + 1) the factors; workers: threads.
     """
     mx, my = values.shape
     if values.size <= _FILTER_POINTS:
@@ -133,6 +140,7 @@ def filtered(values: FloatArray, modes: FloatArray, workers: Workers) -> FloatAr
     out = np.empty((mx, my))
 
     def change(block: ComplexArray, columns: slice) -> ComplexArray:
+        """Multiply a block of columns by its factors, in place, and return it."""
         block *= modes[:, columns]
         return block
 
@@ -188,21 +196,26 @@ class Symbol:
         return Symbol(values, self.rows[i], shape)
 
     def shortest(self) -> float:
-        """Return the larger compliance (m/Pa) of the shortest waves along the axes."""
+        """Return the compliance (m/Pa) of the shortest wave along an axis.
+
+        It is the larger one of the two axes, that is, the one of the wider spacing.
+        """
         return max(self._shortest_waves())
 
     def oblong(self) -> float:
-        """Return the compliance of the shortest wave along y by that along x.
+        """Return how oblong the cells of the grid are.
 
-        On the half-space this is the ratio of the spacings dy/dx, and on a line 0.
+        It is the compliance of the shortest wave along y over that along x.  On the
+        half-space this is the ratio of the spacings dy/dx, and on a line 0.
         """
         first, second = self._shortest_waves()
         return second / first if first > 0 else 0.0
 
     def far(self) -> tuple[bool, bool]:
-        """Return, for each axis, whether points along it are far apart.
+        """Return, for x and for y, whether the spacing along this axis is much wider.
 
-        They are compared with those along the other axis.
+        It is compared with the spacing along the other axis by the compliances of the
+        shortest waves, whose ratio must be above _OBLONG.
         """
         return self.oblong() < 1 / _OBLONG, self.oblong() > _OBLONG
 
@@ -215,10 +228,15 @@ class Symbol:
     def sampled(
         self, most: int
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return values on a raster of a quarter of the modes, a copy.
+        """Return compliances on a raster of a quarter of the modes.
 
-        Each direction's phases per point, and its weights in a mean over all modes,
-        follow.  most: largest number of modes of a full period in each direction.
+        most: largest number of modes that stand for all modes of a direction, both
+        signs counted.
+
+        Returns:
+            The compliances (mx, my) in m/Pa, a copy.
+            For each direction, the phases of the modes from point to point in rad.
+            For each direction, the weights of the modes in a mean over all modes.
         """
         at = []
         phases = []
@@ -246,7 +264,7 @@ class Points:
     parts: list[slice]
 
     def split(self, *arrays: NDArray[Any]) -> list[list[NDArray[Any]]]:
-        """Return, for each array (points,), its views by block."""
+        """Return, for each array (points,), its views by block of rows of the grid."""
         return [split(array, self.parts) for array in arrays]
 
 
@@ -273,8 +291,9 @@ class Convolution:
     ) -> None:
         """Create the convolution.
 
-        dtype: of the fields, float64 or float32; modes: (nx, ny // 2 + 1) memory for
-        the modes; None: new memory.
+        symbol: compliance of each mode, in m/Pa; scale: factor of the symbol; workers:
+        threads of the transforms; dtype: of the fields, float64 or float32; modes: (nx,
+        ny // 2 + 1) memory for the modes; None: new memory.
         """
         nx, ny = symbol.shape
         self.shape = symbol.shape
@@ -292,13 +311,20 @@ class Convolution:
         self._axes: Axes = BOTH if nx == self.row_step > 1 else ROWS
 
     def in_single_precision(self) -> Convolution:
-        """Return it in single precision, at half the cost and in the same memory."""
+        """Return this convolution in single precision, at half the cost.
+
+        It uses the memory of this convolution, so only one can be applied at a time.
+        """
         modes = self._modes.reshape(-1).view(np.complex64)[: self._modes.size]
         modes = modes.reshape(self._modes.shape)
         return single_precision(self.symbol, self.scale, self.workers, modes)
 
     def apply(self, values: RealArray, out: RealArray) -> None:
-        """Write S values to `out`; both are (nx, ny) and may be the same array."""
+        """Write the convolution of a field to `out`.
+
+        The convolution multiplies each mode by the symbol times the scale; mode zero
+        becomes 0.  values, out: (nx, ny), which may be the same array.
+        """
         modes = split(self._modes, self.rows)
         self.workers.each(to_modes, split(values, self.rows), modes, self._axes)
         self._multiply(inverse=False)
@@ -340,20 +366,28 @@ class Convolution:
         return total, product
 
     def _forward(self, modes: ComplexArray, *points: Any) -> None:
-        """Transform a block of rows from its points, the arguments of `scatter`."""
+        """Transform a block of rows that is 0 except at listed points.
+
+        modes: (rows, ny // 2 + 1), overwritten; points: the arguments of `scatter` but
+        the first.
+        """
         block = self._buffer(len(modes))
         scatter(block, *points)
         to_modes(block, modes, self._axes)
 
     def _backward(self, modes: ComplexArray, *points: Any) -> tuple[float, float]:
-        """Transform a block of rows back to points, the arguments of `gather_dot`."""
+        """Transform a block of rows back and write it at listed points.
+
+        modes: (rows, ny // 2 + 1), overwritten; points: the arguments of `gather_dot`
+        but the first.  Returns the sums of `gather_dot`.
+        """
         block = self._buffer(len(modes))
         to_values(modes, block, 0, self._axes)
         total, product = gather_dot(block, *points)
         return total, product
 
     def _buffer(self, rows: int) -> RealArray:
-        """Return this thread's buffer for some rows of the grid."""
+        """Return an array (rows, ny) that this thread may overwrite; see `dtype`."""
         if not hasattr(self._local, "buffer"):
             width = self.shape[1] + _PAD
             self._local.buffer = np.empty((self.row_step, width), dtype=self._dtype)
@@ -361,7 +395,11 @@ class Convolution:
         return buffer
 
     def _multiply(self, inverse: bool) -> None:
-        """Multiply the modes by the symbol, or divide by it, through the columns."""
+        """Transform the columns of the modes, multiply by the symbol, transform back.
+
+        With `inverse`, modes are divided by the symbol.  The factor includes 1/(nx ny),
+        which the transforms leave out.  `pairs` grows by 1.
+        """
         nx, ny = self.shape
         symbol = self.symbol
         scale = 1 / self.scale if inverse else self.scale
@@ -369,6 +407,7 @@ class Convolution:
         reals = self._modes.view(self._dtype)
 
         def change(block: ComplexArray, columns: slice) -> ComplexArray:
+            """Multiply a block of columns by the symbol in place, and return it."""
             if inverse:
                 values = symbol.values[symbol.rows, columns]
                 zeros = np.zeros_like(values)
@@ -400,15 +439,19 @@ def single_precision(
 ) -> Convolution:
     """Return the convolution of a symbol times `scale` in single precision.
 
-    The symbol is brought to order one, so that it does not underflow.  modes: (nx, ny
-    // 2 + 1) memory; None: new memory.
+    The symbol is brought to order one, so that it does not underflow.  symbol:
+    compliance of each mode in m/Pa; workers: threads; modes: (nx, ny // 2 + 1) memory
+    for the modes; None: new memory.
     """
     single, largest = symbol.once(_single)
     return Convolution(single, scale * largest, workers, np.float32, modes)
 
 
 def _single(symbol: Symbol) -> tuple[Symbol, float]:
-    """Return the symbol by its largest value in single precision, and this value."""
+    """Return a symbol over its largest value, in single precision, and this value.
+
+    The largest value is in m/Pa.
+    """
     largest = float(symbol.values.max())
     values: Any = (symbol.values / largest).astype(np.float32)
     return Symbol(values, symbol.rows, symbol.shape), largest
@@ -418,9 +461,11 @@ def _single(symbol: Symbol) -> tuple[Symbol, float]:
 def multiply(
     modes: Any, symbol: Any, rows: Any, factor: float, start: int, stop: int
 ) -> None:
-    """Multiply modes[i] by factor symbol[rows[i]] in a range of columns.
+    """Multiply the modes in a range of columns by the symbol, in place.
 
-    modes: (nx, 2 columns) the real and imaginary parts.
+    modes: (nx, 2 (ny // 2 + 1)) real and imaginary parts in turn; symbol: values in
+    m/Pa, of which row rows[i] belongs to row i of the modes; rows: (nx,); factor: of
+    the symbol; start, stop: the range of columns of complex modes.
     """
     for i in range(modes.shape[0]):
         row = rows[i]
@@ -432,7 +477,12 @@ def multiply(
 
 @compiled
 def scatter(block: Any, first: int, index: Any, values: Any) -> None:
-    """Write values to a block at the flat indices index - first, and 0 elsewhere."""
+    """Write values to listed points of a block of rows, and 0 to its other points.
+
+    block: (rows, ny), overwritten; first: flat index in the grid of the block's first
+    point; index: (points,) flat indices of the points in the grid, ascending; values:
+    (points,).
+    """
     block[:] = 0.0
     columns = block.shape[1]
     row = begin = end = 0
@@ -448,9 +498,12 @@ def scatter(block: Any, first: int, index: Any, values: Any) -> None:
 def gather_dot(
     block: Any, first: int, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """Write a block's values at the flat indices index - first to `out`.
+    """Write the values of a block of rows at listed points to `out`.
 
     Returns sum(out) and sum(out other).
+
+    block: (rows, ny); first: flat index in the grid of the block's first point; index:
+    (points,) flat indices of the points in the grid, ascending; out, other: (points,).
     """
     total = product = 0.0
     columns = block.shape[1]

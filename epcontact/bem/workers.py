@@ -37,12 +37,18 @@ compiled = numba.njit(**OPTIONS)
 
 
 def ranges(size: int, step: int) -> list[slice]:
-    """Return the ranges of `step` that make up 0 to `size`; the last may be shorter."""
+    """Return slices of `step` indices each that cover 0 to `size`.
+
+    The last slice may be shorter; there is none if size is 0.
+    """
     return [slice(start, min(start + step, size)) for start in range(0, size, step)]
 
 
 def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
-    """Return a view of the array for each part; a single part is the array itself."""
+    """Return a view of the array for each part, a range of its first index.
+
+    A single part is assumed to be the complete array, which is returned itself.
+    """
     if len(parts) == 1:
         return [array]
     return [array[part] for part in parts]
@@ -56,6 +62,7 @@ class Workers:
     """
 
     def __init__(self, threads: int = 1) -> None:
+        """Start a pool for `threads` threads, of which the calling thread is one."""
         self._helpers = threads - 1
         self._pool = ThreadPoolExecutor(self._helpers) if threads > 1 else None
 
@@ -67,9 +74,12 @@ class Workers:
             self._pool.shutdown()
 
     def each(self, task: Callable[..., T], *arguments: Any) -> list[T]:
-        """Return the results of `task` for every block, in the order of the blocks.
+        """Call a task for every block; return the results in the order of the blocks.
 
-        An error of a task is raised once all threads have stopped.
+        task: the function; arguments: of the function.  An argument that is a list has
+        one item for each block, and at least one argument must be a list; any other
+        argument is passed to every call.  An error of a task is raised once all threads
+        have stopped.
         """
         blocks = next(len(one) for one in arguments if type(one) is list)
         if blocks == 1:  # on a small grid the calls themselves cost most
@@ -86,6 +96,7 @@ class Workers:
         results: dict[int, T] = {}
 
         def work() -> None:
+            """Call the task for waiting blocks until a None is found."""
             for number, block in iter(waiting.popleft, None):
                 results[number] = task(*block)
 
@@ -101,7 +112,10 @@ class Workers:
     def total(
         self, task: Callable[..., tuple[Any, ...]], *arguments: Any
     ) -> tuple[Any, ...]:
-        """Return the sums over the blocks of the numbers in the tuples of `task`."""
+        """Call a task for every block, and return the sums of the numbers it returns.
+
+        task: a function that returns a tuple of numbers; arguments: as for `each`.
+        """
         parts = self.each(task, *arguments)
         if len(parts) == 1:
             return parts[0]

@@ -322,10 +322,11 @@ def _balance(
     sums: over the fronts; load: sum of the pressures of the cells over the hardness.
 
     The load is A_pl + phi (A - A_pl), with phi the mean pressure of elastic points over
-    the hardness.  This is right in strips, where the pressure rises antisymmetrically.  Other fronts count COUNTED too much for each
-    spacing, with the variance POINTS, but anything at edges and kinks, and TIP for each
-    tip.  If areas and load differ by more than their errors explain, these grow until
-    they do explain it (Birge, Phys. Rev. 40 (1932) 207).
+    the hardness.  This is right in strips, where the pressure rises antisymmetrically.
+    Along other fronts the counted contact is too large by COUNTED cells for each
+    spacing of the front, with the variance POINTS, and by TIP for each tip; at edges
+    and kinks it may be off by anything.  If areas and load differ by more than their
+    errors explain, the errors grow until they do (Birge, Phys. Rev. 40 (1932) 207).
     """
     contact, plastic = sums.points
     phi = (load - plastic) / (contact - plastic)

@@ -25,10 +25,11 @@ _NARROWEST = 3
 
 
 def cells_of(symbol: Symbol) -> tuple[int, int]:
-    """Return the number of cells along each direction of a symbol's grid.
+    """Return the number of cells along x and along y of a symbol's grid.
 
+    A cell is a square of grid points, CELL to a side where the spacings are equal.
     Cells are as wide as long in units of length, not in points.  The result is (1, 1)
-    where the grid is too small for more cells.
+    if the grid is too small for two cells along each direction.
     """
     nx, ny = symbol.shape
     oblong = symbol.oblong()
@@ -39,7 +40,11 @@ def cells_of(symbol: Symbol) -> tuple[int, int]:
 
 
 def _cells_along(points: int, side: float) -> int:
-    """Return how many cells of a side, in points, a direction has, at least one."""
+    """Return how many cells fit along a direction, at least one.
+
+    points: number of grid points along it; side: points along a side of a cell, which
+    counts as 1 if it is less than _NARROWEST.
+    """
     if side < _NARROWEST:
         side = 1.0
     return max(1, int(points / side))
@@ -61,6 +66,11 @@ class Cells:
     """
 
     def __init__(self, convolution: Convolution, points: Points) -> None:
+        """Find the cell of each listed point, and count the points of each cell.
+
+        convolution: of the grid, with its blocks of rows and threads; points: the
+        listed points.
+        """
         self.workers = convolution.workers
         self.points = points
         self.shape = cells_of(convolution.symbol)
@@ -80,16 +90,21 @@ class Cells:
         )
 
     def split(self, values: FloatArray) -> list[NDArray[Any]]:
-        """Return, for each block, the values (cells,) of its range of cells."""
+        """Return, for each block of rows, the values of the cells that it touches.
+
+        values: (cells,) of all cells, row by row.  The results are views.
+        """
         return split(values, self._ranges)
 
     def sums(
         self, kernel: Callable[..., None], number: int, *arguments: Any
     ) -> FloatArray:
-        """Return (number, cells) sums over the points of each cell.
+        """Return sums (number, cells) over the listed points of each cell.
 
-        kernel: called for each block with the cells of its points, an array (number,
-        cells of the block) to fill, and the arguments.
+        kernel: a compiled function that is called for each block of rows with the cell
+        of each of its points, an array (number, cells of the block) to fill with sums,
+        and the arguments; number: how many sums there are for each cell; arguments: of
+        the kernel; a list holds one item for each block.
         """
         parts = [np.empty((number, cells.stop - cells.start)) for cells in self._ranges]
         self.workers.each(kernel, self.numbers, parts, *arguments)
@@ -102,7 +117,7 @@ class Cells:
 
 
 def _cell_columns(symbol: Symbol) -> NDArray[np.int32]:
-    """Return the column of cells of each column of points."""
+    """Return (ny,) the column of cells in which each column of grid points lies."""
     ny = symbol.shape[1]
     return (np.arange(ny) * cells_of(symbol)[1] // ny).astype(np.int32)
 
@@ -117,11 +132,13 @@ def number_cells(
     cells: tuple[int, int],
     first: int,
 ) -> None:
-    """Write the number of each point's cell to `cell`, and count its points in `sums`.
+    """Find the cells of the listed points of a block, and count the points by cell.
 
-    index: flat indices of the points; columns: the column of cells of each column of
-    points; nx: rows of points; cells: cells along each direction; first: number of the
-    block's first cell, from which the numbers are counted.
+    cell: (points,) overwritten by the number of each point's cell; sums: (1, cells of
+    the block) overwritten by the numbers of points; index: (points,) flat indices of
+    the points in the grid, ascending; columns: (ny,) the column of cells of each column
+    of points; nx: rows of points; cells: number of cells along x and along y; first:
+    number of the block's first cell, from which the numbers in `cell` are counted.
     """
     ny = columns.size
     mx, my = cells
@@ -140,7 +157,10 @@ def number_cells(
 
 @compiled
 def sum_cells(cell: Any, sums: Any, values: Any) -> None:
-    """Write the sums of values by cell to `sums`."""
+    """Overwrite `sums` (1, cells) by the sum of the values of the points of each cell.
+
+    cell: (points,) number of each point's cell; values: (points,).
+    """
     sums[:] = 0.0
     for k in range(cell.size):
         sums[0, cell[k]] += values[k]

@@ -34,6 +34,7 @@ class InnerOperators:
     """The operators of a grid's inner iterations, created at their first use."""
 
     def __init__(self, convolution: Convolution) -> None:
+        """Prepare the operators for a grid, whose exact compliance is `convolution`."""
         self._exact = convolution
         self._points = convolution.shape[0] * convolution.shape[1]
         body = convolution.symbol.once(cell_body)
@@ -45,7 +46,10 @@ class InnerOperators:
 
     @property
     def pairs(self) -> float:
-        """Pairs of transforms of the cheap operators, in pairs of the grid."""
+        """Cost so far of the cheap operators, in pairs of transforms of the grid.
+
+        A pair is a Fourier transform of a field in double precision, and one back.
+        """
         pairs = 0.0
         if self._single is not None:
             pairs += self._single.pairs / 2
@@ -54,16 +58,17 @@ class InnerOperators:
         return pairs
 
     def choose(self, changed: int, masked: MaskedGrid, residual: float) -> Operator:
-        """Return a cheap operator or the exact one for the next step.
+        """Return the operator, cheap or exact, for the next Newton step.
 
         A cheap operator is used while the sets change or the residual falls: the split
         one on few elastic points, otherwise single precision.  In full contact one step
         with the exact operator is enough.
 
         Args:
-            changed: points whose set has changed in the last step.
+            changed: number of points whose set (apart, elastic or plastic) has changed
+                in the last step.
             masked: a masked grid of the elastic points.
-            residual: largest residual after the last step.
+            residual: largest residual after the last step, dimensionless.
         """
         if not changed and residual > _STALLED * self._last_residual:
             self._cheap = False
@@ -81,15 +86,18 @@ class InnerOperators:
         return self._split
 
     def preconditioner(self, cells: Cells, masked: MaskedGrid) -> Preconditioner:
-        """Return the preconditioner by cells, or the inverse compliance.
+        """Return the preconditioner of the inner iterations, see `Preconditioner`.
 
-        The inverse compliance is exact in full contact, and is used there and where a
-        grid has no cells.  masked: a masked grid of the points of `cells`.
+        It works cell by cell.  In full contact, where the inverse of the compliance is
+        exact, and on a grid without cells, it is this inverse.
+
+        cells: cells of the elastic points; masked: a masked grid of these points.
         """
         if self._body is not None and cells.points.index.size < self._points:
             return CellPreconditioner(self._body, cells, masked).apply
 
         def inverse(r: FloatArray, y: FloatArray, _: FloatArray) -> tuple[float, float]:
+            """Write the inverse compliance of r to y; return sum(y) and sum(y r)."""
             return self._exact.apply_on(cells.points, r, y, r, inverse=True)
 
         return inverse
@@ -104,16 +112,20 @@ def conjugate_gradients(
     reduction: float,
     floor: float,
 ) -> int:
-    """Solve S_F x = r up to a constant for x of zero mean; return the iterations.
+    """Solve S_F x = r up to a constant; return the number of iterations.
+
+    S_F is the compliance between the elastic points, x is a change of their pressures
+    of zero mean, and r is a displacement.  The iterations also stop after
+    _MAX_ITERATIONS, or where rounding makes a step impossible.
 
     Args:
         operator: applies S.
         precondition: applies the preconditioner.
         points: the elastic points F.
-        r: (points,) right-hand side; the residual at the end.
-        x: (points,) to which the solution is added.
-        reduction: stop when the 2-norm of r has fallen by this factor.
-        floor: stop when no element of r is above this value.
+        r: (points,) right-hand side in m, overwritten by the residual at the end.
+        x: (points,) in mean pressures, to which the solution is added in place.
+        reduction: stop when the 2-norm of r is at most this fraction of the first one.
+        floor: stop when no element of r is above this value, in m.
     """
     v = np.empty_like(r)
     y = np.empty_like(r)
@@ -141,9 +153,12 @@ def conjugate_gradients(
 def cg_step(
     x: Any, r: Any, d: Any, v: Any, alpha: float, mean: float
 ) -> tuple[float, float]:
-    """Add alpha d to x and subtract alpha (v - mean) from r.
+    """Take a step of conjugate gradients; return sum(r^2) and max|r| after it.
 
-    Returns sum(r^2) and max|r|.
+    alpha d is added to x, and alpha (v - mean) subtracted from r, both in place.
+
+    x: (points,) solution; r: (points,) residual; d: (points,) direction; v: (points,)
+    operator times d; alpha: length of the step; mean: mean of v.
     """
     square = largest = 0.0
     for k in range(x.size):
@@ -157,6 +172,10 @@ def cg_step(
 
 @compiled
 def cg_direction(d: Any, y: Any, mean: float, beta: float) -> None:
-    """Write (y - mean) + beta d to d."""
+    """Overwrite the direction d by (y - mean) + beta d.
+
+    y: (points,) preconditioned residual; mean: its mean; beta: factor of the last
+    direction.
+    """
     for k in range(d.size):
         d[k] = y[k] - mean + beta * d[k]

@@ -71,7 +71,11 @@ class CellBody:
     field: FloatArray
 
     def scaled(self, scale: float) -> CellBody:
-        """Return the cell body of the symbol times `scale`."""
+        """Return the parts of the preconditioner for the symbol times `scale`.
+
+        The stencil is an inverse and is divided by `scale`; the other parts are
+        multiplied by it.
+        """
         return CellBody(
             self.taps / scale,
             self.kernel * scale,
@@ -81,7 +85,11 @@ class CellBody:
 
 
 def cell_body(symbol: Symbol) -> CellBody | None:
-    """Return the cell body of a symbol; None if cells are few or no stencil fits."""
+    """Return the parts of the preconditioner that depend on the compliance alone.
+
+    symbol: compliance of each mode of the grid.  The result is None if the grid is too
+    small for cells, or if no stencil is near the inverse of the compliance.
+    """
     cells = cells_of(symbol)
     if cells == (1, 1):
         return None
@@ -96,9 +104,14 @@ def cell_body(symbol: Symbol) -> CellBody | None:
 
 
 class CellPreconditioner:
-    """The preconditioner P for the points of given cells; masked: a grid of these."""
+    """The preconditioner P for listed points, which lie in known cells."""
 
     def __init__(self, body: CellBody, cells: Cells, masked: MaskedGrid) -> None:
+        """Prepare the preconditioner for the elastic points.
+
+        body: the parts that do not depend on these points; cells: the cells of the
+        points; masked: a masked grid of the same points.
+        """
         self._body = body
         self._cells = cells
         self._masked = masked
@@ -118,9 +131,10 @@ class CellPreconditioner:
     def apply(
         self, r: FloatArray, y: FloatArray, scratch: FloatArray
     ) -> tuple[float, float]:
-        """Write P r to y, all (points,); return sum(y) and sum(y r).
+        """Write the preconditioner P times r to y; return sum(y) and sum(y r).
 
-        `scratch` is overwritten.
+        All arrays are (points,), for the listed points of the cells.  y and scratch are
+        overwritten.
         """
         cells = self._cells
         workers = cells.workers
@@ -170,22 +184,31 @@ class CellPreconditioner:
         return y
 
     def _filter(self, values: FloatArray, modes: FloatArray) -> FloatArray:
-        """Return values (cells,) with each mode of their transform times `modes`."""
+        """Return values (cells,) with each mode of their Fourier transform multiplied.
+
+        modes: (mx, my // 2 + 1) the factors; the cells are mx x my.
+        """
         cells = self._cells
         return filtered(values.reshape(cells.shape), modes, cells.workers).reshape(-1)
 
 
 def _phases(sample: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the phases per point, (mx, 1) and (1, my), of a sample of the modes."""
+    """Return the phases per grid point, from 0 to pi, of a sample of the modes.
+
+    They are (mx, 1) along x and (1, my) along y.  sample: (mx, my), equally spaced
+    modes from the mean to the shortest wave.
+    """
     x, y = (np.linspace(0, np.pi, n) if n > 1 else np.zeros(1) for n in sample.shape)
     return x[:, None], y[None, :]
 
 
 def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | None:
-    """Return taps (3, 3) fitted to 1/S in relative terms; None if the fit is poor.
+    """Return a stencil (3, 3) that is near the inverse of the compliance S.
+
+    The stencil is fitted to 1/S, relative to it, over the wavelengths up to two cells.
+    The result is None if the fit is poor, or the stencil is not positive definite.
 
     sample: a quarter of the modes of S; sides: points of a cell along each direction.
-    The fit is over the wavelengths up to two cells.
     """
     x, y = _phases(sample)
     one = np.ones(sample.shape)
@@ -206,7 +229,11 @@ def _stencil(sample: FloatArray, sides: tuple[float, float]) -> FloatArray | Non
 
 
 def _box(theta: FloatArray, side: FloatArray | float) -> FloatArray:
-    """Return the mean of exp(i theta j) over `side` points, up to its phase."""
+    """Return the mean of a wave exp(i theta j) over a row of points j, a real number.
+
+    The points are centred at 0.  theta: phase from point to point, in rad; side: number
+    of points, which need not be whole.
+    """
     sine = np.sin(theta / 2)
     zero = sine == 0
     mean = np.sin(side * theta / 2) / (side * np.where(zero, 1.0, sine))
@@ -214,9 +241,12 @@ def _box(theta: FloatArray, side: FloatArray | float) -> FloatArray:
 
 
 def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
-    """Return the modes (mx, my // 2 + 1) of B.
+    """Return the modes (mx, my // 2 + 1) of the compliance B between cells.
 
-    Each mode of the cells sums the mode of the points and its nearest aliases.
+    B gives the mean displacement of each cell by unit forces on the cells.  Each mode
+    of the cells sums the mode of the points and its nearest aliases.
+
+    symbol: compliance of each mode of the grid; cells: (mx, my).
     """
     nx, ny = symbol.shape
     mx, my = cells
@@ -239,15 +269,21 @@ def _kernel(symbol: Symbol, cells: tuple[int, int]) -> FloatArray:
 def _delta(
     sample: FloatArray, weights: list[FloatArray], sides: tuple[float, float]
 ) -> FloatArray:
-    """Return delta by the number of points, from 0 to those of a full cell.
+    """Return delta for each number of contact points in a cell, from 0 to a full cell.
 
-    sample: a quarter of the modes of S; weights: of these modes along each direction in
-    a mean of all; sides: points of a cell along each direction.
+    The result is (most points + 1,).  delta is the displacement under a unit force that
+    a cell with few contact points has beyond that of a uniformly loaded cell.
+
+    sample: a quarter of the modes of the compliance; weights: those of the modes along
+    each direction in a mean of all; sides: points of a cell along each direction.
     """
     x, y = (theta.reshape(1, -1) for theta in _phases(sample))
 
     def displacement(a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return mean displacements of patches of a x b points under unit forces."""
+        """Return the mean displacement of each patch under a unit force on it.
+
+        a, b: (n,) points of the patches along x and along y.
+        """
         along = _box(x, a[:, None]) ** 2 * weights[0]
         across = _box(y, b[:, None]) ** 2 * weights[1]
         return np.asarray(np.sum((along @ sample) * across, axis=1))
@@ -265,7 +301,10 @@ def _delta(
 
 @compiled
 def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
-    """Write values - mean[cell] to `out`."""
+    """Write the values minus the mean of their cell to `out`.
+
+    cell: (points,) number of each point's cell; values, out: (points,); mean: (cells,).
+    """
     for k in range(cell.size):
         out[k] = values[k] - mean[cell[k]]
 
@@ -274,10 +313,12 @@ def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
 def gather_stencil(
     cell: Any, sums: Any, flat: Any, ny: int, taps: Any, index: Any, out: Any
 ) -> None:
-    """Write the 3 x 3 stencil on a masked grid to `out` at the points, and sum by cell.
+    """Apply a 3 x 3 stencil at listed points, and sum the results by cell.
 
-    flat: the masked grid, of ny columns and their halo, in one dimension; taps: (3, 3);
-    index: flat indices of the points.
+    cell: (points,) number of each point's cell; sums: (1, cells), overwritten; flat:
+    the grid of `MaskedGrid`, one row of LEFT + ny + RIGHT values after the other; ny:
+    columns of the grid; taps: (3, 3) symmetric; index: (points,) flat indices of the
+    points in the grid (nx, ny), ascending; out: (points,), overwritten by the results.
     """
     width = ny + LEFT + RIGHT
     size = flat.size
@@ -307,7 +348,10 @@ def gather_stencil(
 
 @compiled
 def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float]:
-    """Add shift[cell] to `out`; return sum(out) and sum(out other)."""
+    """Add the shift of each point's cell to `out`; return sum(out) and sum(out other).
+
+    cell: (points,) number of each point's cell; shift: (cells,); out, other: (points,).
+    """
     total = product = 0.0
     for k in range(cell.size):
         value = out[k] + shift[cell[k]]
@@ -319,7 +363,10 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
 
 @compiled
 def dot(a: Any, b: Any) -> float:
-    """Return the sum of a b; a library's threads would cost more than they gain."""
+    """Return the sum of a b, two arrays (n,).
+
+    A library of linear algebra would start threads, which cost more than they gain.
+    """
     total = 0.0
     for k in range(a.size):
         total += a[k] * b[k]
@@ -328,7 +375,10 @@ def dot(a: Any, b: Any) -> float:
 
 @compiled
 def keep_used(s: Any, delta: Any, r: Any) -> float:
-    """Set s to 0 in cells without points, whose delta is 0; return sum(s r)."""
+    """Set s to 0 in cells without points, in place; return sum(s r).
+
+    All arrays are (cells,).  delta: 0 in cells without points, above 0 in others.
+    """
     total = 0.0
     for k in range(s.size):
         if delta[k] > 0.0:
@@ -340,7 +390,10 @@ def keep_used(s: Any, delta: Any, r: Any) -> float:
 
 @compiled
 def add_delta(v: Any, delta: Any, d: Any) -> float:
-    """Add delta d to v, but set 0 in cells without points; return sum(v d)."""
+    """Add delta d to v in place; return sum(v d).
+
+    In cells without points, whose delta is 0, v is set to 0.  All arrays are (cells,).
+    """
     total = 0.0
     for k in range(v.size):
         v[k] = v[k] + delta[k] * d[k] if delta[k] > 0.0 else 0.0
@@ -350,7 +403,13 @@ def add_delta(v: Any, delta: Any, d: Any) -> float:
 
 @compiled
 def descend(y: Any, r: Any, d: Any, v: Any, alpha: float) -> float:
-    """Add alpha d to y and subtract alpha v from r; return sum(r^2)."""
+    """Take a step of conjugate gradients on the cells; return sum(r^2) after it.
+
+    alpha d is added to y and alpha v is subtracted from r, both in place.
+
+    y: (cells,) solution; r: (cells,) residual; d: (cells,) direction; v: (cells,)
+    operator times d; alpha: length of the step.
+    """
     total = 0.0
     for k in range(y.size):
         y[k] += alpha * d[k]

@@ -57,10 +57,12 @@ inlined = numba.njit(inline="always")
 
 
 def split_pays(symbol: Symbol, elastic: int) -> bool:
-    """Return True if the split operator is faster than single precision.
+    """Return True if `SplitOperator` is faster than transforms in single precision.
 
-    elastic: number of elastic points.  The grid's sides must be even, and its points
-    about as far apart along both axes.
+    The result is False if the grid has an odd number of points along a side, is small,
+    or has points that are much farther apart along one axis than along the other.
+
+    symbol: compliance of each mode of the grid; elastic: number of elastic points.
     """
     nx, ny = symbol.shape
     if nx % 2 or ny % 2 or min(nx, ny) < _FEWEST or any(symbol.far()):
@@ -79,9 +81,10 @@ class MaskedGrid:
     """
 
     def __init__(self, points: Points, field: FloatArray, workers: Workers) -> None:
-        """Create the grid in the memory of `field`, unless this is too small.
+        """Create the grid in the memory of `field`, or in new memory if that is small.
 
-        field: (nx, ny) in double precision, which is overwritten.
+        points: the listed points; field: (nx, ny) in double precision, which is
+        overwritten; workers: threads that write values.
         """
         nx, self.columns = field.shape
         width = self.columns + LEFT + RIGHT
@@ -94,7 +97,7 @@ class MaskedGrid:
         self._workers = workers
 
     def put(self, values: FloatArray) -> None:
-        """Set the values (points,) at the points."""
+        """Write values (points,) to the listed points of the grid, in order."""
         index, blocks = self.points.split(self.points.index, values)
         self._workers.each(put_single, self.array, index, blocks)
 
@@ -109,6 +112,10 @@ class SplitOperator:
     masked: MaskedGrid
 
     def __init__(self, convolution: Convolution) -> None:
+        """Prepare the approximation of the operator `convolution`.
+
+        convolution: on a grid with an even number of points along each side.
+        """
         self.workers = convolution.workers
         taps, coarse = convolution.symbol.once(_parts)
         self._taps = (taps * convolution.scale).astype(np.float32)
@@ -118,15 +125,24 @@ class SplitOperator:
 
     @property
     def pairs(self) -> float:
-        """Pairs of transforms, in pairs of the fine grid."""
+        """Cost so far, in pairs of transforms (one and one back) of the fine grid."""
         return self._coarse.pairs / 4
 
     def apply_on(
         self, points: Points, values: FloatArray, out: FloatArray, other: FloatArray
     ) -> tuple[float, float]:
-        """Write S values at the points to `out`, approximately; all are (points,).
+        """Apply the compliance approximately to values at points alone.
 
-        Returns sum(out) and sum(out other).
+        Arrays are (points,).
+
+        Args:
+            points: the points; `masked` must be a grid of the same points.
+            values: pressures at the points; the pressure is 0 elsewhere.
+            out: overwritten by the displacements at the points.
+            other: values by which the result is multiplied.
+
+        Returns:
+            The sum of `out`, and that of `out` times `other`.
         """
         fine = self.masked.array
         half = self._half
@@ -142,7 +158,13 @@ class SplitOperator:
 
 
 def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
-    """Return the stencil's taps, 2 REACH + 1 a side, and the half grid's symbol G."""
+    """Return the stencil of near points and the compliance of the half grid.
+
+    The stencil has 2 REACH + 1 values to a side.  The half grid has half as many points
+    along each direction; its compliance G is that of the module.
+
+    symbol: compliance of each mode of the grid.
+    """
     nx, ny = symbol.shape
     # The stencil is the short-range part of the kernel within its reach.
     sample, phases, weights = symbol.sampled(_SAMPLE)
@@ -174,13 +196,20 @@ def _parts(symbol: Symbol) -> tuple[FloatArray, Symbol]:
 
 
 def _gaussian(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return phi at the phases x (m,) and y (n,), as (m, n)."""
+    """Return phi (m, n), the fraction of the compliance that is long-range.
+
+    x: (m,) phase of a mode from point to point along x, in rad; y: (n,) along y.
+    """
     return np.asarray(np.exp(-(_WIDTH**2) / 4 * (x[:, None] ** 2 + y**2)))
 
 
 @compiled
 def put_single(masked: Any, index: Any, values: Any) -> None:
-    """Write values to the points of a masked grid, and to its repeated columns."""
+    """Write values to listed points of a masked grid, and to its repeated columns.
+
+    masked: (nx, LEFT + ny + RIGHT) grid, see `MaskedGrid`; index: (points,) flat
+    indices of the points in the grid (nx, ny); values: (points,).
+    """
     ny = masked.shape[1] - LEFT - RIGHT
     for k in range(index.size):
         i = index[k] // ny
@@ -194,9 +223,12 @@ def put_single(masked: Any, index: Any, values: Any) -> None:
 
 @compiled
 def restrict(masked: Any, first: int, half: Any) -> None:
-    """Write P^T masked to rows of the half grid, from row `first` on.
+    """Write rows of the half grid: sums of fine points up to 3 away, with weights.
 
-    The weights of P^T are those of fine points -3 to 3 away.
+    This is the transpose P^T of the cubic interpolation P from the half grid.
+
+    masked: (nx, LEFT + ny + RIGHT) fine grid, see `MaskedGrid`; first: number of the
+    first row; half: (rows, ny // 2) rows of the half grid, overwritten.
     """
     nx = masked.shape[0]
     line = np.empty(masked.shape[1], dtype=np.float32)
@@ -220,11 +252,14 @@ def restrict(masked: Any, first: int, half: Any) -> None:
 def gather_split(
     fine: Any, coarse: Any, taps: Any, index: Any, out: Any, other: Any
 ) -> tuple[float, float]:
-    """Write the stencil plus the interpolated coarse grid at the points to `out`.
+    """Write the stencil plus the interpolated half grid at listed points to `out`.
 
-    fine: the masked grid; coarse: the half grid; index: flat indices of the points.
-    Points among RUN neighbours of a row are handled together.  Returns sum(out) and
-    sum(out other).
+    Returns sum(out) and sum(out other).  Points among RUN neighbours of a row are
+    handled together.
+
+    fine: (nx, LEFT + ny + RIGHT) grid, see `MaskedGrid`; coarse: (nx // 2, ny // 2)
+    the half grid; taps: (2 REACH + 1, 2 REACH + 1) the stencil; index: (points,) flat
+    indices of the points in the grid (nx, ny), ascending; out, other: (points,).
     """
     nx = fine.shape[0]
     ny = fine.shape[1] - LEFT - RIGHT
@@ -255,7 +290,12 @@ def gather_split(
 
 @inlined
 def add_row(near: Any, row: Any, tap: Any) -> None:
-    """Add a row of the stencil at RUN points; `row` begins REACH columns before."""
+    """Add the products of one row of a stencil to the results of RUN neighbours.
+
+    near: (RUN,) results, changed in place; row: values of the grid, from REACH columns
+    before the first of the RUN points; tap: (2 REACH + 1,) symmetric row of the
+    stencil.
+    """
     c0, c1, c2, c3 = tap[3], tap[2], tap[1], tap[0]
     for t in range(_RUN):
         at = _UINT(t)
@@ -269,7 +309,10 @@ def add_row(near: Any, row: Any, tap: Any) -> None:
 
 @inlined
 def interpolated_at(coarse: Any, i: int, j: int) -> Any:
-    """Return the coarse grid at a fine point, by cubics where it lies between."""
+    """Return the half grid at a fine point, by cubic interpolation along both axes.
+
+    coarse: (nx // 2, ny // 2) periodic; i, j: row and column of the fine point.
+    """
     row = i // 2
     if i % 2 == 0:
         return along_row(coarse[row], j)
@@ -281,7 +324,10 @@ def interpolated_at(coarse: Any, i: int, j: int) -> Any:
 
 @inlined
 def along_row(row: Any, j: int) -> Any:
-    """Return a row of the coarse grid at a column of the fine one."""
+    """Return one row of the half grid at a fine column, by cubic interpolation.
+
+    row: (ny // 2,) periodic; j: column of the fine grid.
+    """
     k = j // 2
     if j % 2 == 0:
         return row[k]
@@ -291,7 +337,7 @@ def along_row(row: Any, j: int) -> Any:
 
 @inlined
 def around(k: int, size: int) -> tuple[int, int, int]:
-    """Return the indices k - 1, k + 1 and k + 2 of a periodic array."""
+    """Return the indices k - 1, k + 1 and k + 2 in a periodic array of a given size."""
     last = size - 1
     before = k - 1 if k else last
     after = k + 1 if k < last else 0
