@@ -44,7 +44,12 @@ SMALLEST = 1e-3
 
 
 def _turned(patch, rng):
-    """Feed marks: cusps between circular grooves, with roughness."""
+    """Return heights of feed marks of a lathe: cusps between circular grooves, with
+    roughness.
+
+    `patch` is the grid on one period and `rng` a numpy generator; the heights have the
+    grid's shape.
+    """
     a, b = rng.choice([[3, 0], [0, 4], [2, 3], [5, 1]])
     x, y = patch.offsets()
     across = (a * x + b * y + rng.uniform()) % 1 - 0.5
@@ -53,7 +58,9 @@ def _turned(patch, rng):
 
 
 def _blasted(patch, rng):
-    """Overlapping dimples: ridges between them."""
+    """Return heights (the shape of `patch`) of overlapping random dimples, with ridges
+    between them.
+    """
     heights, radius = np.zeros(patch.shape), rng.uniform(0.1, 0.25)
     for _ in range(int(rng.integers(40, 120))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -63,7 +70,9 @@ def _blasted(patch, rng):
 
 
 def _domed(patch, rng):
-    """Round tops of bumps and ridges, and slopes beyond an edge around them."""
+    """Return heights (the shape of `patch`) of random bumps and ridges with round tops,
+    and slopes beyond an edge around them.
+    """
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(1, 5))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -76,14 +85,18 @@ def _domed(patch, rng):
 
 
 def _ground(patch, rng):
-    """Roughness whose waves are many times longer along one direction."""
+    """Return roughness on the grid of `patch`, whose waves are many times longer along
+    one direction.
+    """
     modes, n = np.fft.rfft2(roughness(patch, rng, 0.5, 0.95)), patch.shape[0]
     q = np.fft.fftfreq(n, 1 / n)[:, None]
     return np.fft.irfft2(modes / (1 + (q / rng.uniform(1, 3)) ** 2), patch.shape) * 3
 
 
 def _copies(patch, rng):
-    """A texture of equal bumps, with little roughness."""
+    """Return a texture of equal bumps, with little roughness, on the grid of
+    `patch`.
+    """
     (x, y), count, shape = patch.offsets(), int(rng.integers(4, 9)), rng.uniform(size=2)
     u, v = ((count * s + o) % 1 - 0.5 for s, o in zip((x, y), shape, strict=True))
     bump = u**2 + v**2 * rng.uniform(1, 3)
@@ -92,7 +105,9 @@ def _copies(patch, rng):
 
 
 def _noisy(patch, rng):
-    """Return roughness with a fine noise of smaller amplitude."""
+    """Return roughness on the grid of `patch` with a fine noise of smaller
+    amplitude.
+    """
     fine = Member(
         patch.shape, (1.0, 1.0), 0, 0, max(int(1.25 * patch.high), 2), patch.maker, 0
     )
@@ -100,17 +115,23 @@ def _noisy(patch, rng):
 
 
 def _wear(patch, rng):
-    """Return roughness whose summits are cut off at a random height."""
+    """Return roughness on the grid of `patch`, whose summits are cut off at a random
+    height.
+    """
     return np.minimum(roughness(patch, rng, 0.5, 0.95), rng.uniform(-0.5, 1.0) * 0.06)
 
 
 def _rough(patch, rng):
-    """Return self-affine roughness with a random Hurst exponent."""
+    """Return self-affine roughness on the grid of `patch`, with a random Hurst exponent
+    from 0.2 to 0.95.
+    """
     return roughness(patch, rng, 0.2, 0.95)
 
 
 def _line(patch, rng):
-    """Random waves, of self-affine or of equal heights."""
+    """Return random waves on a line, with `patch.shape[0]` points, whose amplitudes
+    fall with a random exponent.
+    """
     x = np.arange(patch.shape[0]) / patch.shape[0]
     k = np.arange(1, patch.high + 1)
     heights = k ** -rng.uniform(0.7, 1.5) / 10
@@ -152,10 +173,12 @@ SHARP = (
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene of the bank.
+    """One random scene, on which the estimated areas are compared with those of a fine
+    grid.
 
-    depth: of a sliding layer; after: the load after unloading over that before, 1 where
-    it only grows.
+    `kind` is a key of KINDS and `seed` the number of the scene; `member` holds the
+    surface and the load over E*; `depth` is that of a sliding layer in periods; `after`
+    is the load after unloading over the load before, 1 without unloading.
     """
 
     kind: str
@@ -165,7 +188,11 @@ class Scene:
     after: float
 
     def surface(self, factor):
-        """The heights and periods on a grid `factor` times as fine."""
+        """Return the heights and the periods of this scene on a grid `factor` times as
+        fine.
+
+        Both have the unit of the period, which is 1.
+        """
         one, rng = self.member, np.random.default_rng(self.member.drawn)
         if self.kind.endswith("lines"):
             shape, periods = (factor * one.shape[0],), one.periods[:1]
@@ -180,7 +207,9 @@ class Scene:
         return np.ascontiguousarray(heights), periods
 
     def told(self, factor):
-        """Whether a note says that claims may not hold for the reading of this kind."""
+        """Return whether a note of the surface warns that the error estimates may not
+        hold for its rounded or quantised heights.
+        """
         notes = " ".join(Surface(*self.surface(factor)).notes)
         words = {
             "rounded": {"for a smooth"},
@@ -189,8 +218,11 @@ class Scene:
         return any(said in notes for said in words.get(self.kind, ()))
 
     def solved(self, factor):
-        """(pressure, gap, hardness, spacing, 1, flowed) on a grid `factor` times as
-        fine.
+        """Solve the scene on a grid `factor` times as fine.
+
+        Returns pressure, gap, hardness, spacings, modulus (1) and plastic displacement
+        (None without unloading); pressures are over E*, lengths over the period. Raises
+        NotConverged as the solver does.
         """
         one, (heights, periods) = self.member, self.surface(factor)
         shape = heights.shape
@@ -216,7 +248,7 @@ class Scene:
 
 
 def scene(kind, seed, points=64):
-    """Draw a scene of a kind."""
+    """Draw the random `Scene` of a kind and a seed, on `points` grid points a side."""
     rng = np.random.default_rng([seed, *kind.encode()])
     per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
     shape = (
@@ -237,7 +269,11 @@ def scene(kind, seed, points=64):
 
 
 def kept(folder: Path | None, one: Scene, factor: int):
-    """The solution, from the folder if it is there."""
+    """Return `Scene.solved(factor)`, read from the folder if it was saved there, and
+    else solved and saved.
+
+    Without a folder (None) nothing is saved.
+    """
     path = folder and folder / f"{one.kind.replace(' ', '-')}-{one.seed}-{factor}.npz"
     if path and path.exists():
         with np.load(path) as found:
@@ -259,7 +295,9 @@ def kept(folder: Path | None, one: Scene, factor: int):
 
 
 def reference(folder: Path | None, one: Scene) -> FloatArray:
-    """(total, plastic, elastic) on the reference grid."""
+    """Return the total, plastic and elastic area fractions on the reference grid (3,),
+    read from the folder or solved and saved there.
+    """
     path = folder and folder / f"{one.kind.replace(' ', '-')}-{one.seed}.txt"
     if path and path.exists():
         return np.loadtxt(path)
@@ -274,13 +312,23 @@ def reference(folder: Path | None, one: Scene) -> FloatArray:
 
 
 def estimated(pressure, gap, hardness, spacing, modulus, flowed):
-    """(raw, corrected, error) of a solution of a scene."""
+    """Return the raw areas, the corrected areas and their estimated errors of a
+    solution.
+
+    The arguments are the values that `Scene.solved` returns.
+    """
     return estimate_areas(pressure, gap, hardness, spacing, modulus, flowed=flowed)
 
 
 def judged(kinds, seeds, folder=None, factors=FACTORS):
-    """A row for each scene, grid and part of the area: exact, raw, found and claimed
-    areas.
+    """Return a table with a row for each scene, grid and part of the area.
+
+    The columns are the exact area, the corrected area (`found`), its estimated error
+    (`claimed`), its error, whether the error is within the estimate, and whether a note
+    warns (`told`).
+
+    `folder` saves solutions, and `factors` are the refinements of the grid. A scene
+    that does not converge is printed and left out.
     """
     rows = []
     for kind in kinds:
@@ -312,8 +360,10 @@ def judged(kinds, seeds, folder=None, factors=FACTORS):
 
 
 def gaps(kinds, seeds):
-    """By kind: nine of ten errors of the mean gap, of it and over the claim that is
-    times 1.
+    """Return the 90 % quantile, by kind, of the mean gap's relative error and of its
+    error over the estimate.
+
+    The last two rows are the median and the 90 % quantile of all kinds.
     """
     rows = []
     for one in (
@@ -332,8 +382,11 @@ def gaps(kinds, seeds):
 
 
 def summary(table):
-    """By kind: coverage, medians in % of the exact area, and the factor that would
-    cover 90 %.
+    """Return statistics by kind of a table of `judged`.
+
+    The columns are the number of areas, the percentage within the estimate, medians of
+    error and estimate in % of the exact area, their ratio, the factor (`need`) that
+    would cover 90 %, and the mean signed error.
     """
     large = table[table.exact > SMALLEST].copy()
     for name in ("error", "claimed"):
@@ -348,16 +401,20 @@ def summary(table):
 
 
 def without():
-    """What replaces which names of `rim_correction`, by the mechanism that is switched
-    off.
+    """Return the names of the area correction's module to replace, and their
+    replacements, for each mechanism that an ablation switches off.
     """
     whole = rim.sums_of_fronts
 
     def lacking(*names):
-        """Return the patch of an ablation: some sums of the fronts are 0."""
+        """Return the replacement of an ablation in which the named sums over the
+        contact's boundary are 0.
+        """
 
         def sums(*arguments):
-            """Return the sums of the fronts with the named ones set to 0."""
+            """Return the sums over the contact's boundary with the named ones set to
+            0.
+            """
             found, *rest = whole(*arguments)
             return found._replace(**dict.fromkeys(names, np.zeros(2))), *rest
 
@@ -380,8 +437,8 @@ def without():
 
 
 def ablation(kinds, seeds, folder):
-    """Median error (%) and coverage (%) by group of kinds with each mechanism switched
-    off.
+    """Return the median error (%) and the coverage (%) by group of kinds, with one row
+    for each mechanism that is switched off.
     """
     judged(kinds, seeds, folder, (1,))  # references and solutions, with all of it
     groups, rows = dict.fromkeys(SHARP, "sharp"), {}
@@ -400,8 +457,8 @@ def ablation(kinds, seeds, folder):
 
 
 def main():
-    """Print the tables by kind: of the coarsest grid, and the coverage of each without
-    a note.
+    """Print the statistics of the coarsest grid, and by kind and grid the percentage of
+    errors within the estimate.
     """
     parser = argparse.ArgumentParser()
     parser.add_argument("kinds", nargs="*", default=list(KINDS))

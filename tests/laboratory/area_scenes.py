@@ -23,7 +23,11 @@ from epcontact.studies.paper_scene import PARTS
 
 
 def _posts(patch, rng, count, width, slope):
-    """Square posts, as wide as a cell of the coarse grid, on roughness of a slope."""
+    """Return heights of `count` square posts, of a cell's width, on roughness of an rms
+    slope.
+
+    `patch` is the grid, `rng` a numpy generator and `width` the width over the period.
+    """
     heights = slope * roughness(patch, rng, 0.8, 0.8)
     for _ in range(count):
         cell = (np.floor(rng.uniform(size=2) / width) + 0.5) * width
@@ -34,29 +38,35 @@ def _posts(patch, rng, count, width, slope):
 
 
 def _disc(patch, rng, slope):
-    """A plateau of radius 1/4, with flanks of a slope or, if it is infinite, a step of
-    1/2.
+    """Return heights of a plateau of radius 1/4 with flanks of a slope or, for an
+    infinite slope, a step of 1/2.
+
+    Lengths are over the period; `patch` is the grid.
     """
     beyond = np.hypot(*patch.offsets((0.503, 0.4988))) - 0.25
     return -slope * np.maximum(beyond, 0) if slope < np.inf else -0.5 * (beyond > 0)
 
 
 def _strip(patch, rng):
-    """Return a flat strip along x on a floor."""
+    """Return heights of a flat strip along x, 0.402 periods wide, on a floor one period
+    below.
+    """
     x, y = patch.offsets((0.5, 0.5))
     return np.where(np.abs(y) < 0.201, 0.0, -1.0) + 0 * x
 
 
 def _worn(patch, rng):
-    """Return roughness cut off at 0.4 of its rms height."""
+    """Return roughness on the grid of `patch`, cut off at 0.4 of its rms height."""
     rough = roughness(patch, rng, 0.8, 0.8)
     return np.minimum(rough, 0.4 * rough.std())
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A surface under a load, what was off by how much, and how much finer its
-    reference is.
+    """A surface under a load whose areas were once wrong.
+
+    `was` states the error that was reported for each part of the area; `finer` is the
+    refinement of the reference grid.
     """
 
     name: str
@@ -117,12 +127,13 @@ SCENES = (
 
 
 def judged(scenes, seeds=range(1, 6)):
-    """Mean errors of the parts that were off, in % of the exact area, over seeds of the
-    surface.
+    """Return a table of the present errors of the areas that were wrong, in % of the
+    exact area.
 
-    Returns a row for each scene and part: was, now (mean signed error), claimed
-    (median), times (the largest error divided by its claim) and raw (mean signed error
-    of the count).
+    Each row is a scene and a part of the area, over seeds of the surface. Columns:
+    `was` (the reported error), `now` (mean signed error), `claimed` (median estimate),
+    `times` (the largest error over its estimate) and `raw` (mean signed error of the
+    counted area).
     """
     rows = []
     for scene in scenes:
@@ -150,8 +161,11 @@ AIMS = {64: (0.6, 1.0, 2.0), 128: (0.3, 0.5, 1.0)}
 
 
 def aims(points, seeds=range(1, 5), finer=FINER):
-    """Rms errors in % on roughness of Hurst exponent .8 and .5 with four points a wave,
-    by hardness and load, and how many of the claims hold (%).
+    """Return rms errors of the areas in %, by hardness and load, and the percentage of
+    errors within their estimates.
+
+    The surfaces are rough with Hurst exponents 0.8 and 0.5 and four points a shortest
+    wave; `points` is the number a side, and `finer` the refinement of the reference.
     """
     rows = []
     for hardness, share in itertools.product((math.inf, 0.6, 0.3), (0.05, 0.1, 0.3)):

@@ -31,7 +31,11 @@ FITTED = [(2, 1, 0.8), (8, 1, 0.8), (32, 1, 0.8), (8, 4, 0.8), (32, 4, 0.8)]
 
 
 def solved(rows):
-    """The table of ensembles with their hardness solved anew."""
+    """Yield a table for each ensemble of `rows` with its hardness solved again.
+
+    The column `ratio` is the effective hardness over the yield stress, and `error` its
+    relative 95 % error.
+    """
     for key, old in rows.groupby([*METAL[:3], *SPECTRUM, "first_seed"], sort=False):
         nodes, nu, severity, waves, roll_off, hurst, seed = key
         shape = {"roll_off": roll_off, "hurst": hurst, "nu": nu, "loads": old["load"]}
@@ -42,8 +46,10 @@ def solved(rows):
 
 
 def compared(rows):
-    """Each ensemble with the relative change from that of the map's kind, and its 95 %
-    error.
+    """Return the ensembles of other spectra with the relative change of their hardness
+    from that of the map's spectrum.
+
+    The column `error` is the 95 % error of the change.
     """
     usual = (rows[SPECTRUM] == list(MAP)).all(axis=1)
     table = rows[~usual].merge(
@@ -55,8 +61,10 @@ def compared(rows):
 
 
 def terms(table):
-    """ln(b/4), as it grows with severity, and how the number of waves differs, over the
-    load.
+    """Return the two terms of the fitted change of the hardness, (n, 2).
+
+    The first is ln(breadth / 4), weighted by severity / (8 + severity); the second is
+    (1 - 4 / waves) / load, the effect of the number of waves.
     """
     flow = table["severity"] / (8 + table["severity"])
     size = (1 - 4 / table["waves"]) / table["load"]
@@ -64,8 +72,9 @@ def terms(table):
 
 
 def judged(rows):
-    """The comparisons: whether they taught the term, what it tells and claims, and if
-    it holds.
+    """Return the table of `compared` with the formula's value (`told`), its estimated
+    error (`claimed`), whether both agree (`within`), and whether the fit used the row
+    (`taught`).
     """
     table = compared(rows)
     spectra = pd.MultiIndex.from_frame(table[SPECTRUM])
@@ -79,8 +88,8 @@ def judged(rows):
 
 
 def main():
-    """Print the fit to one half of the ensembles, and how the term does on each of the
-    other.
+    """Print the fit to the ensembles of FITTED, and the formula's value beside each
+    other ensemble's.
     """
     rows = pd.read_csv(FILE)
     if sys.argv[1:2] == ["--solve"]:

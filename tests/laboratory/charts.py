@@ -8,7 +8,9 @@ from epcontact.studies.frame import Study, save_charts
 
 
 def save(study: Study) -> None:
-    """Draw the charts of a study as the command line asks, and print their paths."""
+    """Run the study with the options of the command line, save its charts, and print
+    their paths.
+    """
     parser = argparse.ArgumentParser(description=study.description)
     parser.add_argument("--full", action="store_true", help="minutes, and finer")
     parser.add_argument("--output", type=Path, default=Path("charts"))

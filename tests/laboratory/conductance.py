@@ -67,8 +67,11 @@ UNSEEN = [
 
 
 def table_of(blocks, say=print):
-    """The means of blocks, with eight waves of the roll-off to the period or their own
-    number.
+    """Return the table of mean conductances of blocks of places, with eight waves of
+    the roll-off a period unless the block has its own number.
+
+    `blocks` are options of `studies.conductance.means`, and `say` receives its
+    progress.
     """
     found = [study.means(say, **({"waves": (8,)} | block)) for block in blocks]
     return pd.concat(found, ignore_index=True)
@@ -100,13 +103,17 @@ CORNERS = [
 
 
 def judged(table):
-    """The rows of many patches whose contact is not too full for the formula."""
+    """Return the rows of a table with many patches, whose contact area is at most
+    FULL.
+    """
     area = laws.contact_area(table["load"], table["hardness"])
     return table[(area <= FULL) & (table["patches"] >= study.FEWEST)]
 
 
 def accepted(table):
-    """The rows that `joint_conductance` accepts."""
+    """Return the rows of a table whose load, breadth, area and patches are those that
+    `joint_conductance` accepts.
+    """
     area = laws.contact_area(table["load"], table["hardness"])
     kept = (area <= laws.FULL) & (table["patches"] >= study.FEWEST)
     for name, ends in (("load", laws.LOADS), ("breadth", laws.BREADTHS)):
@@ -115,7 +122,9 @@ def accepted(table):
 
 
 def corners(seeds=range(811, 815)):
-    """The formula over fresh surfaces at CORNERS."""
+    """Return the accepted rows of new surfaces at CORNERS, with the formula over the
+    measured value in the column `formula`.
+    """
     table = accepted(
         table_of([block | {"seed": seeds} for block in CORNERS], lambda _: None)
     )
@@ -125,8 +134,8 @@ def corners(seeds=range(811, 815)):
 
 
 def parts(table):
-    """The rows that are fitted, those that give the error, and those of the blocks
-    UNSEEN.
+    """Return three parts of a table: the rows that are fitted, those that give the
+    error, and those of the blocks UNSEEN.
     """
     own = table["hurst"].isin(SEEN[0]["hurst"])
     seen = table[own]
@@ -137,7 +146,12 @@ def parts(table):
 
 
 def misfit(table, constants):
-    """ln of the formula with constants over the measured y."""
+    """Return ln(formula / measured y) of each row, (n,), with the constants FACTOR,
+    ELASTIC and CLUSTER.
+
+    y is the dimensionless conductance. The module's own constants are restored
+    afterwards.
+    """
     named = zip(("FACTOR", "ELASTIC", "CLUSTER"), constants, strict=True)
     kept = {name: getattr(laws, name) for name in ("FACTOR", "ELASTIC", "CLUSTER")}
     try:
@@ -153,7 +167,10 @@ def misfit(table, constants):
 
 
 def fit(table):
-    """The constants by least squares; 4 % is about what the formula misses beside the
+    """Return the constants FACTOR, ELASTIC and CLUSTER by least squares over the rows
+    of a table.
+
+    The weight of a row includes 4 %, which is about the error of the formula beside the
     scatter.
     """
     weight = 1 / np.hypot(0.04, table["half_width"].to_numpy() / 2)
@@ -162,7 +179,9 @@ def fit(table):
 
 
 def report(table):
-    """Print the constants, the error, its coverage, and where the laws hold."""
+    """Fit a table and print the constants, the error, its coverage, and the errors of
+    the laws of the literature.
+    """
     fitted, other, unseen = parts(table)
     constants = fit(fitted)
     error = 2 * float(np.sqrt(np.mean(misfit(other, constants) ** 2)))
@@ -180,8 +199,8 @@ def report(table):
 
 
 def ranges(table):
-    """The least and greatest ratio of each law, and the share of places at which it is
-    within 10 and 20 %, by hardness and breadth.
+    """Return a text with the least and greatest ratio of each law to the boundary
+    elements, and the fractions of places within 10 and 20 %, by hardness and breadth.
     """
     found = study.ratios(table).dropna(subset=study.RATIO)
     off = np.abs(np.log(found[study.RATIO]))
@@ -250,7 +269,9 @@ def _centres(mask, patch_of_point):
 
 
 def spots(seeds=range(1, 5)):
-    """Holm's and Greenwood's conductance over the solver's, on its own contacts."""
+    """Return Holm's and Greenwood's conductance over that of the solver, on the
+    solver's contacts, as means and standard deviations by hardness and load.
+    """
     found = []
     for hardness in (0.06, 0.25, 1.0):
         for load in (0.003, 0.03, 0.1, 0.3):
@@ -269,9 +290,11 @@ def spots(seeds=range(1, 5)):
 
 
 def by_theory(table):
-    """y of Persson's theory over that of the table: its surface, flattened by the load,
-    springs back as an elastic one, so that the stiffness is -dp/du of the mean
-    separation u.
+    """Return the conductance by Persson's theory over that of the table, by Hurst
+    exponent, hardness and load.
+
+    In the theory the surface that the load has flattened springs back elastically, so
+    that the stiffness is -dp/du of the mean separation u.
     """
     found = []
     for place in table.to_dict("records"):
@@ -291,8 +314,11 @@ def by_theory(table):
 
 
 def j2(seeds=range(1, 4), nodes=48, waves=6):
-    """The conductance of the contacts of J2 bodies, and of a cap of the mapped hardness
-    over it.
+    """Return, by severity and load, the conductance of a cap of the mapped hardness and
+    of the laws over that of J2 bodies.
+
+    `nodes` is the number of nodes a side, and `waves` that of the shortest waves a
+    period; `cap_half_width` is the 95 % half-width of the cap's.
     """
     found = []
     for severity in (5.0, 15.0, 50.0):

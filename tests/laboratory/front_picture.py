@@ -17,7 +17,12 @@ FINER, CENTRE, HALF = 16, (0.39, 0.65), 0.1
 
 
 def field(factor):
-    """(x, v) in the window: v is p - c g over the hardness, 1 or more where plastic."""
+    """Return positions and values (x, v) in the window of the picture, on a grid
+    `factor` times as fine.
+
+    v is (p - c g) / hardness, with pressure p and gap g times a stiffness c: positive
+    in contact, and 1 or more where plastic.
+    """
     p, g, hardness, (dx, _), _ = SCENE.solved(factor)
     v = np.where(
         (p > 0) & (p < hardness), p, np.where(p > 0, hardness, 0.0) - STIFFNESS / dx * g
@@ -27,7 +32,9 @@ def field(factor):
 
 
 def main(path):
-    """Draw the fronts on a grid and on a finer one, and save the picture to a path."""
+    """Draw the boundaries of contact on a grid and on a finer one, and save the picture
+    to `path`.
+    """
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     axes = figure.add_subplot(xlabel="x (periods)", ylabel="y (periods)")
     (x, y), v = field(1)

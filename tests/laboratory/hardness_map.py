@@ -58,8 +58,10 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the load paths that are not kept in `output`; return the map and its
-    file.
+    """Solve the load paths of a size ("fast" or "large") that `output` does not hold
+    yet; return the map as a table, and its file.
+
+    `jobs` is the number of processes.
     """
     areas = []
     for sweep in maps.solved("hardness-map", size, output, jobs):
@@ -72,8 +74,11 @@ def make_map(size, output, jobs=None):
 
 
 def measured_areas(task, j2):
-    """The raw areas of the J2 body of a load path, and of capped bodies on the same
-    compliance.
+    """Return a table of the raw areas of the J2 body at each load, and of capped bodies
+    on the same compliance.
+
+    `task` is the solved task and `j2` its result; the caps are multiples of the yield
+    stress, from LADDER.
     """
     scene = task.case.scene(task.recipe)
     material = scene.material
@@ -110,7 +115,9 @@ def measured_areas(task, j2):
 
 
 def _short(value):
-    """A value as the case gives it, without the rounding of a quotient."""
+    """Return a number rounded to nine digits, which removes the rounding error of a
+    quotient.
+    """
     return float(f"{value:.9g}")
 
 
@@ -121,11 +128,13 @@ Known = tuple[pd.DataFrame, pd.DataFrame]
 
 
 def inverse_hardness(areas):
-    """Find sigma_Y/hardness at which an ensemble under a cap has the area of its J2
-    bodies.
+    """Find yield stress / hardness at which an ensemble under a cap has the area of its
+    J2 bodies.
 
-    `areas` are `measured_areas` of one kind of body.  Returns for each place surfaces,
-    area (of the J2 bodies) and inverse, with the shifts of inverse by the jackknife.
+    `areas` are `measured_areas` of one kind of body. Returns two tables by place
+    (severity, Poisson's ratio, load): one with the number of surfaces, the area of the
+    J2 bodies and the inverse; the other with the jackknife's shift of the inverse by
+    each surface, by seed.
     """
     rows = []
     shifts = []
@@ -145,8 +154,10 @@ def inverse_hardness(areas):
 
 
 def _inverse(bodies, nodes):
-    """The inverse cap under which the mean area of the capped bodies is that of the J2
-    bodies.
+    """Return yield stress / cap under which the mean area of the capped bodies is that
+    of the J2 bodies.
+
+    `bodies` are the rows of one place, and `nodes` the number of nodes a side.
     """
     surfaces = [
         surface.sort_values("cap")[::-1] for _, surface in bodies.groupby("seed")
@@ -169,10 +180,12 @@ def _inverse(bodies, nodes):
 
 
 def changes(usual, other):
-    """Compare the inverse hardness of two kinds of bodies on the surfaces of both.
+    """Compare the inverse hardness of two kinds of bodies on the surfaces that both
+    have.
 
-    Returns for each place that both have surfaces, area (of the usual) and change, the
-    relative one, with its shifts.
+    `usual` and `other` are tables of `measured_areas`. Returns two tables by place: one
+    with the number of surfaces, the area of the usual bodies and the relative change;
+    the other with the shift of the change by each surface.
     """
     keys = [*PLACE, "seed"]
     common = usual[keys].drop_duplicates().merge(other[keys].drop_duplicates())
@@ -230,10 +243,11 @@ def mapped(areas):
 
 
 def _kinds(areas):
-    """The bodies of the map, and the others by the one field of VARIED that differs.
+    """Return the areas of the map's bodies, and lists of the other bodies' areas by the
+    field of VARIED that differs.
 
     The key is "" for another spectrum, and "finer" for one with more nodes to the
-    shortest wave.
+    shortest wave. Raises InvalidCase if no body differs in nodes, steps or depth alone.
     """
     usual = areas[VARIED].iloc[0]
     kinds = dict[str, list[pd.DataFrame]]()
@@ -292,18 +306,21 @@ def off_the_grid(areas, finer, places, others=()):
 
 
 def _weight(shifts):
-    """One over the error by the surfaces; a few that happen to agree do not make a
-    place exact.
+    """Return one over the standard error of each change (n,), from the shifts by
+    surface.
+
+    The error is at least LEAST_SCATTER, because a few surfaces that happen to agree do
+    not make a place exact.
     """
     return 1 / np.hypot(np.sqrt((shifts**2).sum(axis=1)).to_numpy(), LEAST_SCATTER)
 
 
 def _share_left(finest, others):
-    """The error that the last halving of the spacing leaves, over its change, and the
-    doubt of it.
+    """Return the error that the last halving of the spacing leaves, over its change,
+    and the uncertainty of this ratio.
 
-    It is 1/3 if the error is of second order in the spacing and 1 if it is of first
-    order: the middle is taken, and half of the range is doubted.  Other spectra with
+    The ratio is 1/3 for an error of second order in the spacing and 1 for first order:
+    the middle is taken, with half of the range as uncertainty. Spectra in `others` with
     twice as many nodes to the shortest wave give the next change, and the same holds
     after that.
     """
@@ -325,7 +342,12 @@ def _share_left(finest, others):
 
 
 def _fit_at(known, weight, change, places):
-    """A change at the places, by the fit of `off_the_grid` to that of known places."""
+    """Fit a change by the two terms of `off_the_grid`, and return the fit at `places`,
+    (n,).
+
+    `known` has the area and the severity of the fitted places, `weight` their weights
+    and `change` their relative changes.
+    """
 
     def columns(at):
         """Return the columns of the fit by the contact area, (n, 2)."""
@@ -339,8 +361,11 @@ def _fit_at(known, weight, change, places):
 
 
 def _error_of_the_fit(made, shifts):
-    """Twice the relative standard error of the formula, as a surface shifts many places
-    at once.
+    """Return twice the relative standard error of the hardness formula at each place of
+    the map, (n,).
+
+    `made` is the map, and `shifts` what each surface shifts the inverse hardness of all
+    places by.
     """
     columns = {name: made[name].to_numpy() for name in made}
     at = formula_terms(*(columns[name] for name in PLACE))

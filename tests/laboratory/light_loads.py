@@ -27,8 +27,18 @@ RUNS = [
 
 
 def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, nu=0.3):
-    """The areas of J2 bodies at some loads, and of capped ones on the same
-    compliance.
+    """Return `measured_areas` of J2 bodies at light loads, and of capped bodies on the
+    same compliance.
+
+    Args:
+        nodes: nodes to the shortest wave.
+        waves: number of the shortest waves a period.
+        severity: E* times rms slope over the yield stress.
+        seeds: seeds of the surfaces.
+        loads: mean pressures over the yield stress.
+        roll_off: number of the waves of the roll-off a period.
+        hurst: Hurst exponent.
+        nu: Poisson's ratio.
     """
     (text,) = find_named("hardness-map-30")
     point = {
@@ -52,7 +62,7 @@ def areas(nodes, waves, severity, seeds, *, loads=LOADS, roll_off=1, hurst=0.8, 
 
 
 def main():
-    """Print the effective hardness at light loads for each of RUNS."""
+    """Print the effective hardness at light loads for each ensemble of RUNS."""
     for nodes, waves, severity, seeds in RUNS:
         found = areas(nodes, waves, severity, seeds)
         inverse = inverse_hardness(found)[0]["inverse"].to_numpy()

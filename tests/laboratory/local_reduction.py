@@ -45,12 +45,19 @@ SPECTRUM = ["half", "hurst", "bandwidth", "roll_off"]
 
 
 def spectrum_of(hurst, bandwidth, roll_off):
-    """The spectrum of slope 1 over a bandwidth."""
+    """Return the spectrum of rms slope 1; bandwidth and roll-off are multiples of the
+    lowest wavenumber.
+    """
     return SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, bandwidth * LOWEST, 1.0)
 
 
 def solved(hurst, bandwidth, roll_off, seed):
-    """A row for each place: the corrected areas and their claims."""
+    """Yield a row for each load and hardness of PLACES: the corrected areas by boundary
+    elements and their estimated errors.
+
+    The arguments are those of `spectrum_of` and the seed of the surface; areas are
+    fractions of the nominal area.
+    """
     spectrum = spectrum_of(hurst, bandwidth, roll_off)
     side = 4 * bandwidth
     surface = SelfAffine(
@@ -66,7 +73,12 @@ def solved(hurst, bandwidth, roll_off, seed):
 
 
 def measured(kept):
-    """Means over the seeds of every place and spectrum, with the error of each mean."""
+    """Return mean areas over the seeds of every place and spectrum, with the error of
+    each mean.
+
+    `kept` is a file of solved rows, one JSON object a line, to which new rows are
+    appended, or None.
+    """
     lines = kept.read_text().splitlines() if kept and kept.exists() else []
     rows = [json.loads(line) for line in lines]
     keys = (*SPECTRUM, "seed")
@@ -92,7 +104,12 @@ def measured(kept):
 
 
 def by_local(table, constants, resolution):
-    """The rule's areas (rows, 3) in the order of AIMS, in units of E* xi."""
+    """Return the areas by the theory with the rule "local", (rows, 3), in the order of
+    AIMS.
+
+    `constants` are gamma, b and c of the rule; loads and hardnesses of the table are
+    over E* times rms slope.
+    """
     paths = {}
     for spectrum in set(table[SPECTRUM[1:]].itertuples(index=False, name=None)):
         variance, breadth = relative_wavenumbers(
@@ -108,14 +125,18 @@ def by_local(table, constants, resolution):
 
 
 def usable(table):
-    """Where an area is large enough, and not a copy of A as in elastic bodies."""
+    """Return a mask (rows, 3) of the areas above LEAST, without the parts of elastic
+    bodies, which equal the total area or 0.
+    """
     large = table[[*AIMS]].to_numpy() > LEAST
     large[np.isinf(table["hardness"]), 1:] = False
     return large
 
 
 def fit(table, start=CONSTANTS):
-    """gamma, b and c."""
+    """Return the constants gamma, b and c of the rule "local" that fit the areas of a
+    table.
+    """
     area = table[[*AIMS]].to_numpy()
     aims = np.array([*AIMS.values()])
     error = table[[f"{part}_error" for part in AIMS]].to_numpy()
@@ -138,8 +159,8 @@ def fit(table, start=CONSTANTS):
 
 
 def over_the_map():
-    """The map in the columns of `measured`, and the areas of the paper's rule (rows,
-    3).
+    """Return the package's map of the theory's error in the columns of `measured`, and
+    the areas (rows, 3) by the rule of the paper.
     """
     table = pd.read_csv(files("epcontact.persson") / "theory_map.csv", comment="#")
     table["p0"] = table["load"] * table["hardness"].replace(math.inf, 1.0)
@@ -149,8 +170,10 @@ def over_the_map():
 
 
 def report(name, found, table):
-    """Print the rms, median, 95 % and largest error of each area in %, and what is in
-    the aim.
+    """Print rms, median, 95 % and largest error of each area in %, and the percentage
+    of errors below its aim.
+
+    `found` are the areas (rows, 3) to compare with those of the table.
     """
     area = table[[*AIMS]].to_numpy()
     used = usable(table)
@@ -166,7 +189,9 @@ def report(name, found, table):
 
 
 def main():
-    """Fit the first half and print the errors of both."""
+    """Fit the constants to the half "fitted", and print the errors of both halves and
+    of the map.
+    """
     table = measured(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
     constants = fit(table[table["half"] == "fitted"])
     print("gamma, b, c", constants.round(4), "in use", CONSTANTS)

@@ -13,8 +13,10 @@ from epcontact.results import package_versions
 
 
 def solved(name, size, output, jobs=None):
-    """Yield each sweep of a case file when what `output` does not keep of it is
-    solved.
+    """Solve a case file and yield its sweeps, each with all results saved in `output`.
+
+    `name` is that of a packaged case file; cases without the size are skipped, and
+    saved results are reused. Raises EpcontactError if a task has no result.
     """
     (file,) = (file for file in package_files() if case_name(file) == name)
     for case in read_cases(file):
@@ -29,8 +31,8 @@ def solved(name, size, output, jobs=None):
 
 
 def write(path, size, header, table):
-    """Write a table below the header, which has places for the size and the
-    versions.
+    """Write a table (text) to a file below a header, in which `{size}` and `{versions}`
+    are replaced.
     """
     versions = ", ".join(
         f"{name} {version}" for name, version in package_versions().items()
@@ -42,7 +44,7 @@ def write(path, size, header, table):
 
 
 def parser(name):
-    """The options of the command that makes a map."""
+    """Return the parser of a map's command, with the options size, output and jobs."""
     found = argparse.ArgumentParser(prog=f"python -m laboratory.{name}")
     found.add_argument("--size", choices=["fast", "large"], default="fast")
     found.add_argument("--output", type=Path, default=Path("results"))

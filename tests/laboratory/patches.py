@@ -29,8 +29,11 @@ PATCHES = [f"quantity.{part}_patches{of}" for part in PARTS for of in ("", "_lar
 
 
 def measured(kind, seed, finer):
-    """The shares with their claims, and the patches, of one surface on 4 `finer` points
-    a wave.
+    """Return the percolating fractions with their estimated errors, and the counts and
+    sizes of patches, of one random surface.
+
+    `finer` refines the grid of 4 points a shortest wave; numbers of elastic and plastic
+    patches are NaN for elastic bodies.
     """
     random = np.random.default_rng([seed, 3])
     hardness = float(random.choice([math.inf, 0.6, 0.3, 0.1]))
@@ -52,8 +55,8 @@ def measured(kind, seed, finer):
 
 
 def main():
-    """Print the tables: of the shares, in shares, and of the patches, over those of the
-    truth.
+    """Print the errors of the percolating fractions and the relative errors of the
+    patches on each coarse grid.
     """
     scenes = [
         (kind, seed) for seed in SEEDS for kind in ("self-affine", "skewed", "worn")

@@ -89,11 +89,13 @@ def fold(x):
 
 
 def front_offset(angle, limit=400 * math.pi, points=2_000_000):
-    """delta/dx of a counted front with its normal at `angle` (rad) to a row, by the
-    integral.
+    """Return the offset, in grid spacings, of a boundary of contact that is counted in
+    grid points.
 
-    Beyond `limit` ln|q| is replaced by its mean over the zone, ln pi + ln(2)/2 - 3/2 +
-    pi/4.
+    `angle` (rad) is that of the boundary's normal to a row of the grid. The offset is
+    an integral over wavenumbers; beyond `limit`, ln|q| is replaced by its mean over the
+    Brillouin zone, ln pi + ln(2)/2 - 3/2 + pi/4. `points` is the number of nodes of the
+    integral.
     """
     c, s = math.cos(angle), math.sin(angle)
     begin = math.pi / max(abs(c), abs(s))
@@ -105,13 +107,15 @@ def front_offset(angle, limit=400 * math.pi, points=2_000_000):
 
 
 def wave(points, phase=0.0):
-    """One period of a cosine, shifted by `phase` points."""
+    """Return one period of a cosine at `points` points, shifted by `phase` points."""
     return np.cos(2 * np.pi * (np.arange(points) + phase) / points)
 
 
 def row_period(direction, period):
-    """(rows, their length in dx) nearest to a period; columns of the grid meet every
-    row.
+    """Return the number of rows across a lattice direction, and their length in grid
+    spacings, nearest to a period.
+
+    Every column of the grid meets every row of the returned number.
     """
     norm = math.hypot(*direction)
     rows = 2 * round(period * norm / 2)
@@ -121,9 +125,9 @@ def row_period(direction, period):
 
 
 def link_of(v, hardness=math.inf):
-    """Return the `Links` of six values v, from inside out, as numbers.
+    """Return the `Links` of a row of six values, from the contact outwards, as numbers.
 
-    Nothing has flowed before.
+    `v` are pressures less stiffness times gap; nothing has flowed before.
     """
     values = np.zeros((ROWS, 1))
     values[:6, 0] = v
@@ -135,11 +139,13 @@ def link_of(v, hardness=math.inf):
 
 
 def front_sums(direction, period, phase, load, hardness=math.inf):
-    """Sums of `grid.sweep` for one front per dx of it, across a lattice direction.
+    """Return the sums of `grid.sweep` over one straight boundary of contact, per grid
+    spacing of its length.
 
-    The heights are a cosine of a period as of `row_period`, with E* = dx = 1.  Returns
-    the sums with the first node of the table alone, and the offsets (nodes, 2) with
-    each node.
+    The heights are a cosine across a lattice `direction`, with the period of
+    `row_period` in spacings, shifted by `phase` points; load and hardness are over E*.
+    Returns the sums with the first node of the table of offsets alone, and the offsets
+    (nodes, 2) with each node.
     """
     (a, b), (n, length) = direction, row_period(direction, period)
     q = 2 * np.pi * np.arange(n // 2 + 1) / n
@@ -167,8 +173,10 @@ def front_sums(direction, period, phase, load, hardness=math.inf):
 
 
 def exact_fronts(hardness, period, points=1 << 16):
-    """Half-widths of contact and of the plastic part (dx) of one wave, on a very fine
-    line.
+    """Return the half-widths, in grid spacings, of the contact and of the plastic part
+    of one wave, solved on a fine line of `points` points.
+
+    Without an elastic part both are a quarter of the period.
     """
     spacing = period / points
     p, g, *_ = solution(wave(points, 0.3), hardness / 2, hardness, (period,))
@@ -179,8 +187,8 @@ def exact_fronts(hardness, period, points=1 << 16):
 
 
 def _length(field):
-    """Length (in points) where a line's p - c g is positive, its crossings
-    interpolated.
+    """Return the length, in points, on which a periodic field of a line is positive,
+    with interpolated zero crossings.
     """
     after = np.roll(field, -1)
     crossing = (field > 0) != (after > 0)
@@ -195,8 +203,10 @@ Fronts = list[tuple[tuple[int, int], float, list[float]]]
 
 
 def all_directions(along=40, across=2):
-    """Return fronts of all directions; those along the grid or its diagonal need many
-    phases.
+    """Return (lattice direction, weight of each phase, phases) of straight boundaries
+    in all directions.
+
+    Directions along the grid or its diagonal have `along` phases, the others `across`.
     """
     angles = np.array([math.atan2(b, a) for a, b in DIRECTIONS])
     weights = np.diff(np.r_[angles[0], (angles[1:] + angles[:-1]) / 2, angles[-1]])
@@ -209,11 +219,11 @@ def all_directions(along=40, across=2):
 
 
 def calibrate_directions():
-    """(mean over all angles in dx, share of cos 4 theta in it, scatter) of the offset
-    of one front.
+    """Return the mean offset of one boundary over all angles in grid spacings, the
+    amplitude of its cos(4 theta) over the mean, and its scatter.
 
-    The scatter, in dx, is the largest rms distance of all directions, over positions of
-    the front.
+    The scatter, in spacings, is the largest rms deviation of all directions, over
+    positions of the boundary.
     """
     load, exact = 0.5, line_contact_fraction(0.5) / 2
     offsets, weights = [], []
@@ -237,11 +247,11 @@ def calibrate_directions():
 
 
 def calibrate_strips(fronts):
-    """(offsets at WIDTHS, largest misfit), in dx, of a front with another one beside
-    it.
+    """Return the offsets at WIDTHS, in grid spacings, of a boundary with another one
+    beside it, and the largest misfit.
 
-    Least squares over the widths of the strip, each the mean over directions and
-    positions.
+    WIDTHS are the widths of the strip between both. The fit is by least squares over
+    HARDNESSES, each averaged over directions and positions.
     """
     features, biases = [], []
     for hardness in HARDNESSES:
@@ -264,7 +274,11 @@ def calibrate_strips(fronts):
 
 
 def _fit(features, biases):
-    """Table with small second differences, 0 where a strip has no width."""
+    """Return the table of offsets (nodes,), with small second differences and 0 for a
+    strip without width.
+
+    `features` (n, nodes) times the table gives `biases` (n,), in grid spacings.
+    """
     nodes = WIDTHS
     smooth = np.zeros((len(nodes) - 1, len(nodes)))
     for i, (left, right) in enumerate(pairwise(1 / np.diff(nodes))):
@@ -276,8 +290,11 @@ def _fit(features, biases):
 
 
 def spheres(shape, radius, seed, shifts):
-    """The sums over the fronts of spheres at random places on a square of side 1, and
-    the area of each in cells, exact by Hertz.
+    """Yield the sums over the contact's boundary of a sphere at random places, and its
+    exact contact area in cells, by Hertz.
+
+    The square has side 1 and `shape` points, the contact the given radius, and `shifts`
+    is the number of places.
     """
     force = 4 / 3 * radius**3
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
@@ -288,7 +305,11 @@ def spheres(shape, radius, seed, shifts):
 
 
 def calibrate_corner(radius=5.0, shifts=24):
-    """(cells that a spot lacks by its curvature, standard error)."""
+    """Return the area in cells that a round contact lacks because its boundary is
+    curved, and the standard error.
+
+    `radius` is that of the contact in cells, `shifts` the number of places.
+    """
     n = 2 * round(radius / 0.3)
     out = [
         (exact - sums.area + sums.offset + HARMONIC * sums.offset_cos) / sums.turn
@@ -298,7 +319,9 @@ def calibrate_corner(radius=5.0, shifts=24):
 
 
 def calibrate_oblong(aspect=2.0, points=30, shifts=24):
-    """OBLONG: by how much of ln^2(dx/dy) the mean offset grows."""
+    """Return OBLONG, the relative growth of the mean offset over ln^2(dx/dy), from
+    spheres on a grid with dx/dy = `aspect`.
+    """
     nx, ny = (2 * round(points * aspect**power) for power in (-0.5, 0.5))
     lacking = offset = 0.0
     for sums, exact in spheres((nx, ny), 0.15, 2, shifts):
@@ -309,7 +332,12 @@ def calibrate_oblong(aspect=2.0, points=30, shifts=24):
 
 
 def released(heights, compliance, load, hardness, after):
-    """Pressure, gap and flow of a line after unloading from a load to a share of it."""
+    """Return pressure, gap and plastic displacement of a line that is unloaded from
+    `load` to `after` times the load.
+
+    Pressures and `hardness` are over E*; heights (n,) and gaps are in grid spacings,
+    and `compliance` is that of each Fourier mode.
+    """
     options = Options(tolerance=1e-8)
     peak = solve_pressure(heights, compliance, load, hardness, options=options)
     flow = np.where(peak.pressure >= hardness, np.maximum(-peak.gap(heights), 0), 0)
@@ -319,8 +347,10 @@ def released(heights, compliance, load, hardness, after):
 
 
 def calibrate_release(phases=16, points=1 << 15):
-    """By what part of `front.released_width` straight fronts have come off the edges of
-    flattened spots, the mean over directions, positions, strips below .7 dx and loads.
+    """Return the width by which straight boundaries come off the edges of flattened
+    spots, over that of `front.released_width`.
+
+    It is the mean over directions, positions, hardnesses and loads.
     """
     q, spacing = 2 * np.pi * np.arange(points // 2 + 1) / PERIOD, PERIOD / points
     need = release = 0.0
@@ -350,7 +380,9 @@ def calibrate_release(phases=16, points=1 << 15):
 
 
 def main():
-    """Print the constants and the table of `bem.areas`."""
+    """Print the constants and the table of offsets of `bem.areas`, calibrated anew,
+    beside those in use.
+    """
     print("offset of a counted front along an axis", round(front_offset(0.0), 5))
     angles = (np.arange(16) + 0.5) * math.pi / 64
     counted = np.mean([front_offset(angle, points=200_000) for angle in angles])

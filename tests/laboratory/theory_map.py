@@ -53,8 +53,8 @@ HEADER = """\
 
 
 def make_map(size, output, jobs=None):
-    """Solve the scenes of the map that are not kept in `output`; return the map and its
-    file.
+    """Solve the scenes of a size ("fast" or "large") that `output` does not hold yet;
+    return the map as a table, and its file.
     """
     rows = []
     for sweep in maps.solved("theory-map", size, output, jobs):
@@ -69,8 +69,11 @@ def make_map(size, output, jobs=None):
 
 
 def place_row(tasks, output):
-    """The errors of the theory at one place, with their standard errors and the grid's
-    claims.
+    """Return one row of the map as a dictionary: the relative errors of the theory at
+    one place, with their standard errors and the estimated grid errors.
+
+    `tasks` are the solved tasks of the place, of both methods, with results in
+    `output`.
     """
     (theory,) = (
         load_saved(task, output) for task in tasks if task.method.name == "persson"
@@ -120,14 +123,19 @@ def place_row(tasks, output):
 
 @functools.lru_cache(maxsize=1)
 def own_roughness(recipe):
-    """The roughness of a surface's own modes, and its rms height."""
+    """Return the roughness of a surface's own Fourier modes, and its rms height in
+    m.
+    """
     surface = recipe.build()
     return roughness_of(surface, "surface"), surface.rms_height
 
 
 def figures(name, exact, values):
-    """The mean of a figure, its relative standard error, and the relative error of the
-    theory's.
+    """Return the mean of a quantity over surfaces, its relative standard error, and the
+    relative error of the theory.
+
+    `values` has one number for each surface, and `exact` is the theory's; the keys of
+    the dictionary begin with `name`.
     """
     mean = np.mean(values)
     deviation = (
@@ -141,8 +149,8 @@ def figures(name, exact, values):
 
 
 def corrected(result):
-    """The distribution of the pressures without what the correction takes from its
-    ends.
+    """Return the distribution of a result's pressures, without the area by which the
+    raw areas exceed the corrected ones.
     """
     raw, areas = (result.final.areas[kind] for kind in ("raw", "corrected"))
     known = result.distribution
@@ -151,8 +159,11 @@ def corrected(result):
 
 
 def distances(pressures, exact, hardness):
-    """The Wasserstein distance of the mean distribution from the theory's, and its
-    error.
+    """Return the Wasserstein distance of the surfaces' mean distribution from the
+    theory's, and its relative error by the jackknife.
+
+    `pressures` are the distributions of the surfaces, `exact` is the theory's, and
+    `hardness` (Pa) the unit of the distance.
     """
     sigma = np.unique(np.concatenate([one.pressure for one in pressures]))
     shares = np.array(
@@ -161,8 +172,8 @@ def distances(pressures, exact, hardness):
     plastic = np.array([one.plastic for one in pressures])
 
     def off(used):
-        """Return the distance of the mean distribution of some surfaces from the
-        theory's.
+        """Return the distance between the theory's distribution and the mean of the
+        surfaces in the mask `used`.
         """
         mean = PressureDistribution(sigma, shares[used].mean(0), plastic[used].mean())
         return distance("wasserstein", exact, mean, hardness)
@@ -175,8 +186,8 @@ def distances(pressures, exact, hardness):
 
 
 def end_shares(known, width):
-    """The shares of the area within a width of pressure of zero, and of the upper
-    end.
+    """Return the area fractions with a pressure within `width` (Pa) of zero, and within
+    `width` of the upper end.
     """
     top = known.pressure[-1] - width
     low, high = np.interp([width, top], known.pressure, known.cumulative)
@@ -184,9 +195,12 @@ def end_shares(known, width):
 
 
 def random_scene(number, wide=(16, 128), heaviest=2.2):
-    """A scene of a spectrum, a surface and a place of the plane that are not those of
-    the map, of so many waves at the least and most, and up to a load whose logit is
-    given.
+    """Return a random scene whose spectrum, surface and place are none of the map's.
+
+    Args:
+        number: seed of the scene.
+        wide: least and greatest number of the shortest waves a period.
+        heaviest: largest logit of the load over the hardness.
     """
     random = np.random.default_rng([32, number])
     hurst = round(random.uniform(0.25, 0.98), 3)
@@ -213,8 +227,10 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
 
 
 def judged(scene, **rule):
-    """A row for each known figure of a scene: whether the expected errors hold the
-    theory's.
+    """Return a row for each quantity of a scene: the theory's error, the ends of its
+    expected interval, and whether the interval holds the error.
+
+    `rule` are options of the theory. The list is empty outside of the map.
     """
     rule = rule or {"energy_reduction": validity.GAMMA}
     theory = Theory.of_scene(scene, **rule)
@@ -241,8 +257,10 @@ def judged(scene, **rule):
 
 
 def judge(first, last, light=False, local=False):
-    """Judge the map by random scenes and print how often its intervals hold the
-    errors.
+    """Print how often the map's intervals hold the theory's errors on random scenes
+    `first` to `last` - 1.
+
+    `light` takes light loads on wide spectra, and `local` the rule "local".
     """
     rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"} if local else {}
     limits = ((64, 256), -4.0) if light else ()

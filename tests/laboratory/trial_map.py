@@ -24,8 +24,11 @@ PRESSURE = 4.0e8  # Pa
 
 
 def trial_map(spikes: int = 25, seed: int = 34, *, holes: bool = True) -> np.ndarray:
-    """Heights (400, 300) in µm: marks of a tool 37.2 µm apart, roughness, tilt, holes,
-    spikes.
+    """Return invented heights (400, 300) in µm, as an instrument measures them with 0.8
+    µm between points.
+
+    The surface has tool marks 37.2 µm apart, roughness and tilt; `spikes` points are
+    outliers, and twelve rectangles are NaN if `holes`.
     """
     rng = np.random.default_rng(seed)
     wave = 2 * np.pi / (512 * PIXEL)
@@ -46,8 +49,10 @@ def trial_map(spikes: int = 25, seed: int = 34, *, holes: bool = True) -> np.nda
 
 
 def row(spikes: int, outliers: str) -> dict[str, object]:
-    """The hardness of the trial and its areas at 400 MPa, with so many spikes kept or
-    removed.
+    """Return the effective hardness and the areas of the trial map at 400 MPa as a row
+    of the table.
+
+    `outliers` is "keep" or "remove", the treatment of the spikes.
     """
     periods = (400 * PIXEL * 1e-6, 300 * PIXEL * 1e-6)
     steps = {"missing": "harmonic", "form": 1, "outliers": outliers}
@@ -73,7 +78,9 @@ def row(spikes: int, outliers: str) -> dict[str, object]:
 
 
 def main():
-    """Print the table."""
+    """Print the table of hardness and areas with 0, 1 and 25 spikes, kept and
+    removed.
+    """
     warnings.simplefilter("ignore")
     cases = [
         (0, "keep"),

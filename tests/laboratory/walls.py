@@ -52,13 +52,15 @@ _ROOT = Axis("root_of_step", r"root of the step, $\sqrt{\Delta G / G}$ (–)")
 
 
 def mean_excess(pressure, sigma):
-    """Return M at pressures sigma (n,): the mean of max(p - sigma, 0) of a field."""
+    """Return the mean of max(p - sigma, 0) over the field `pressure`, at each of the
+    pressures `sigma` (n,).
+    """
     return np.array([np.maximum(pressure - s, 0).mean() for s in sigma])
 
 
 def bin_edges(hardness):
-    """Return the ends (BINS + 1,) of the intervals, which are dense next to the
-    walls.
+    """Return the ends (BINS + 1,) of the intervals of pressure, which are dense next to
+    zero pressure and the hardness.
     """
     angle = np.pi * np.arange(BINS + 1) / BINS
     if math.isinf(hardness):
@@ -67,10 +69,11 @@ def bin_edges(hardness):
 
 
 def returned(before, after):
-    """Return the points that return over those that go, means of the fields `after`.
+    """Return the number of points that come back to a bound over that of the points
+    that leave it, as the mean over the fields in `after`.
 
-    `before` and each of `after` are masks of the points at a wall; None if no point
-    goes.
+    `before` and each of `after` are masks of the points at the bound (zero pressure or
+    the hardness); None if no point leaves.
     """
     gone = np.mean([(mask & ~before).mean() for mask in after])
     back = np.mean([(before & ~mask).mean() for mask in after])
