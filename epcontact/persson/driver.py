@@ -97,7 +97,14 @@ def solve(
 
 
 def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
-    """Return areas, residuals and quantities at one mean pressure in Pa."""
+    """Return areas, residuals and quantities of the theory at one load.
+
+    Args:
+        theory: The theory of the scene's body.
+        mean_pressure: In Pa.
+        surface: The scene's surface, whose treatment (such as filters) has error
+            estimates that are added to the step.
+    """
     hardness = theory.hardness
     quantities = {
         "energy_reduction": theory.reduction.gamma,

@@ -56,22 +56,26 @@ class ContactAreas:
 
     @property
     def total(self) -> FloatArray:
-        """The contact area: elastic and plastic."""
+        """The contact area as a fraction of the nominal area: elastic and plastic."""
         return np.asarray(self.elastic + self.plastic)
 
 
 def areas(
     diffusion: ArrayLike, mean_pressure: ArrayLike, hardness: ArrayLike = np.inf
 ) -> ContactAreas:
-    """Return the elastic, plastic and separated area.
+    """Return the elastic, plastic and separated area, as fractions of the nominal area.
+
+    The arguments are numbers or arrays of shapes that broadcast; the areas have the
+    common shape.
 
     Args:
-        diffusion: G in Pa^2.
+        diffusion: G in Pa^2, half the variance of the pressure in full contact times
+            the reduction of elastic energy.
         mean_pressure: p_0 in Pa.
         hardness: sigma_P in Pa; infinite for an elastic body.
 
     Raises:
-        InvalidScene: An argument is out of range.
+        InvalidScene: An argument is out of range: 0 <= G < inf, 0 < p_0 < sigma_P.
 
     Example:
         >>> found = areas(4187.5, mean_pressure=12.5, hardness=150.0)  # GPa^2, GPa
@@ -87,13 +91,17 @@ def areas(
 
 
 def _elastic_area(w: Diffusion) -> FloatArray:
-    """Return the elastic area by equation (4) of the paper:
+    """Return the elastic area as a fraction, by equation (4) of the paper:
 
-    A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t)
+        A_el = (2/pi) sum_n [1 - (-1)^n]/n sin(n pi s) e^(-n^2 pi^2 t)
+
+    Args:
+        w: Start s and spread of the stress in units of the hardness, arrays of one
+            shape.
     """
 
     def weight(n: FloatArray) -> FloatArray:
-        """Return (2/pi) [1 - (-1)^n]/n."""
+        """Return (2/pi) [1 - (-1)^n]/n for mode numbers n of any shape."""
         return 2 / np.pi * (1 - (-1) ** n) / n
 
     return evaluate(
@@ -102,11 +110,15 @@ def _elastic_area(w: Diffusion) -> FloatArray:
 
 
 def _plastic_area(w: Diffusion) -> FloatArray:
-    """Return the plastic area by equation (5) of the paper:
+    """Return the plastic area as a fraction, by equation (5) of the paper:
 
-    A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
+        A_pl = s + (2/pi) sum_n (-1)^n/n sin(n pi s) e^(-n^2 pi^2 t)
 
     The plastic area of the mirror image is the separated area.
+
+    Args:
+        w: Start s and spread of the stress in units of the hardness, arrays of one
+            shape.
     """
     return evaluate(
         w, modes=lambda w: w.s + _plastic_modes(w), images=series.plastic_images
@@ -114,7 +126,13 @@ def _plastic_area(w: Diffusion) -> FloatArray:
 
 
 def _plastic_modes(w: Diffusion) -> FloatArray:
-    """Return the sum in the plastic area, minus the elastic force / sigma_P."""
+    """Return the sum over eigenfunctions in the plastic area, for each element.
+
+    It is minus the mean pressure that elastic contact carries, over the hardness.
+
+    Args:
+        w: Start and spread of the stress in units of the hardness, of m elements.
+    """
     return w.sum_modes(lambda n: 2 / np.pi * (-1) ** n / n)
 
 
@@ -123,7 +141,16 @@ def elastic_force(
 ) -> FloatArray:
     """Return the part of the mean pressure that elastic contact carries, in Pa.
 
-    It is int sigma P dsigma.  Arguments and errors are those of `areas`.
+    It is int sigma P dsigma.  The arguments are numbers or arrays of shapes that
+    broadcast.
+
+    Args:
+        diffusion: G in Pa^2.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Raises:
+        InvalidScene: An argument is out of range: 0 <= G < inf, 0 < p_0 < sigma_P.
     """
     w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
     force = evaluate(w, modes=lambda w: -_plastic_modes(w), images=series.force_images)
@@ -140,6 +167,9 @@ def pressure_density(
 
         P = 2 sum_n sin(n pi s) sin(n pi x) e^(-n^2 pi^2 t) / sigma_P
 
+    with s = p_0/sigma_P, x = sigma/sigma_P and t = G/sigma_P^2.  The arguments are
+    numbers or arrays of shapes that broadcast.
+
     Args:
         pressure: sigma in Pa.
         diffusion: G in Pa^2, above 0.
@@ -150,7 +180,7 @@ def pressure_density(
         The density in 1/Pa; it is 0 outside of (0, sigma_P).
 
     Raises:
-        InvalidScene: An argument is out of range.
+        InvalidScene: An argument is out of range: 0 < G < inf, 0 < p_0 < sigma_P.
 
     Example:
         >>> pressure_density([0.0, 50.0, 150.0], 4187.5, 12.5, 150.0).round(5)
@@ -163,7 +193,7 @@ def pressure_density(
         )
 
     def modes(w: Diffusion) -> FloatArray:
-        """Return the density over the unit by the sum over eigenfunctions."""
+        """Return the dimensionless density, by the sum over eigenfunctions."""
         density = w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y))
         return np.maximum(density, 0)
 
@@ -197,7 +227,10 @@ def pressure_cumulative(
         raise InvalidScene("pressure is not a number (NaN)")
 
     def modes(w: Diffusion) -> FloatArray:
-        """Return the mass between 0 and x by the sum over eigenfunctions."""
+        """Return the area in contact at pressures from 0 to x, by eigenfunctions.
+
+        The area is a fraction; x is the pressure in units of the hardness.
+        """
         return w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n)
 
     below = evaluate(w, modes=modes, images=series.cumulative_images)
@@ -211,13 +244,21 @@ def boundary_slopes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return dP/dsigma at zero and at the hardness, in 1/Pa^2.
 
-    The first is d(separated)/dG, the second minus d(plastic)/dG.  Arguments and errors
-    are those of `areas`.
+    P is the density of elastic contact.  The first slope is d(separated)/dG, the second
+    minus d(plastic)/dG.  The arguments are numbers or arrays of shapes that broadcast.
+
+    Args:
+        diffusion: G in Pa^2.
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+
+    Raises:
+        InvalidScene: An argument is out of range: 0 <= G < inf, 0 < p_0 < sigma_P.
     """
     w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
 
     def modes(w: Diffusion) -> FloatArray:
-        """Return dP/dx at x = 0 by the sum over eigenfunctions."""
+        """Return the slope dP/dx at x = 0, by the sum over eigenfunctions."""
         return w.sum_modes(lambda n: 2 * np.pi * n)
 
     at_zero = evaluate(w, modes=modes, images=series.slope_images)
@@ -234,10 +275,17 @@ def _scaled(
 ) -> tuple[Diffusion, FloatArray, NDArray[np.bool_]]:
     """Check the arguments of this module's functions and scale them.
 
+    Args:
+        diffusion: G in Pa^2, at least 0 and finite.
+        mean_pressure: p_0 in Pa, between 0 and the hardness.
+        hardness: sigma_P in Pa; infinite for an elastic body.
+        pressure: sigma in Pa; None: there is no such argument.
+
     Returns:
         The arguments in units of the hardness (of the mean pressure where the hardness
-        is infinite), that unit in Pa, and where the pressure lies between 0 and the
-        hardness.  Elsewhere, and without a pressure, the mean pressure stands for it.
+        is infinite), that unit in Pa, and True where the pressure lies between 0 and
+        the hardness.  Elsewhere, and without a pressure, the mean pressure stands for
+        it.
 
     Raises:
         InvalidScene: The shapes do not broadcast, or an argument is out of range.

@@ -120,7 +120,10 @@ def hardness_curve(
     variance = _continuous_slope_variance(roughness)
 
     def path(z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return G and sigma_P at magnifications."""
+        """Return G and sigma_P at magnifications z (n,), in Pa^2 and Pa.
+
+        Raises InvalidScene if a hardness is not finite and positive.
+        """
         q = z * roughness.lowest
         tau = full_contact_diffusion(theory.effective_modulus, variance(q))
         Y = np.broadcast_to(np.asarray(hardness(z), dtype=np.float64), z.shape)
@@ -162,7 +165,15 @@ def hardness_curve(
 
 
 def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray:
-    """Return the checked magnifications (n,), or the default ones for None."""
+    """Return the checked magnifications (n,), or the default ones for None.
+
+    Args:
+        roughness: Whose highest wave number limits the magnification.
+        given: Ascending numbers of at least 1; None: 200 in a geometric sequence.
+
+    Raises:
+        InvalidScene: The magnifications do not ascend, or leave the range.
+    """
     highest = roughness.highest / roughness.lowest
     if given is None:
         return np.geomspace(1.0, highest, 200)
@@ -202,11 +213,12 @@ def _nodes(
 ) -> FloatArray:
     """Return the magnifications of the steps, with `zeta` among them.
 
-    At the first step the upper bound is just not felt; from there on ln G + 2 ln Y
+    At the first step no point has reached the hardness yet; from there on ln G + 2 ln Y
     grows in equal steps.
 
     Args:
-        path: G and sigma_P as functions of the magnification.
+        path: Function that returns G in Pa^2 and the hardness Y in Pa at
+            magnifications.
         zeta: Magnifications at which areas are wanted, (n,).
         mean_pressure: In Pa.
         steps: Number of steps.
@@ -269,19 +281,23 @@ class StressState:
 
     @property
     def elastic(self) -> float:
-        """A_el as a fraction of the nominal area."""
+        """The elastic area of the state as a fraction of the nominal area."""
         return float(self.density.mean())
 
     @property
     def mean_pressure(self) -> float:
-        """The force over the nominal area, in Pa."""
+        """The force of the state over the nominal area, elastic and plastic, in Pa."""
         n = self.density.size
         centres = (np.arange(n) + 0.5) / n
         return self.hardness * float(centres @ self.density / n + self.plastic)
 
 
 def _pressures(state: StressState) -> PressureCurve:
-    """Return the distribution of a state at the ends of its cells."""
+    """Return the distribution of the pressure of a state at the ends of its cells.
+
+    Density (1/Pa) and cumulative area (fraction) are given at n + 1 pressures from 0 to
+    the hardness; the state must have two cells at least.
+    """
     n = state.density.size
     P = state.density / state.hardness
     pressure = np.linspace(0.0, state.hardness, n + 1)
@@ -292,9 +308,13 @@ def _pressures(state: StressState) -> PressureCurve:
 
 
 def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
-    """Return the largest G in Pa^2 at which the hardness is not felt.
+    """Return the largest diffusion G in Pa^2 at which no point reaches the hardness.
 
-    Both arguments are in Pa.
+    Up to there a fraction of less than 2e-17 of the area is at the hardness.
+
+    Args:
+        mean_pressure: In Pa.
+        hardness: In Pa, above the mean pressure.
     """
     return ((hardness - mean_pressure) / (2 * UNFELT)) ** 2
 
@@ -302,13 +322,13 @@ def unfelt_diffusion(mean_pressure: float, hardness: float) -> float:
 def start(
     diffusion: float, mean_pressure: float, hardness: float, cells: int
 ) -> StressState:
-    """Return the state at a small diffusion from the closed form.
+    """Return the stress state at a small diffusion from the closed form, without flow.
 
     Args:
         diffusion: G in Pa^2, at most `unfelt_diffusion`.
         mean_pressure: In Pa.
         hardness: sigma_P in Pa.
-        cells: Number of cells of the pressure.
+        cells: Number of cells of equal width between 0 and the hardness.
 
     Raises:
         InvalidScene: The cells are too few to resolve the pressures.
@@ -327,7 +347,7 @@ def start(
 def evolve(
     state: StressState, diffusion: FloatArray, hardness: FloatArray
 ) -> Iterator[StressState]:
-    """Yield the states at diffusion[1:], one step each.
+    """Yield the stress states at diffusion[1:], one step each, with a growing hardness.
 
     Args:
         state: The state at diffusion[0].
@@ -335,7 +355,8 @@ def evolve(
         hardness: sigma_P in Pa at each G, (n,).
 
     Raises:
-        InvalidScene: The hardness grows without more roughness, at no finite rate.
+        InvalidScene: The diffusion does not increase from step to step: the hardness
+            then grows at no finite rate.
     """
     G = np.asarray(diffusion, dtype=np.float64)
     log_Y = np.log(hardness)
@@ -355,13 +376,16 @@ def evolve(
 def _step(
     state: StressState, G: FloatArray, log_Y: FloatArray, rate: FloatArray
 ) -> StressState:
-    """Take one step of the two-stage method in U = (R_1 .. R_n, B).
+    """Return the stress state after one step of Alexander's two-stage method.
+
+    The unknowns are the densities of the n cells times the hardness Y, Y Q_1 .. Y Q_n,
+    and the plastic area times Y.
 
     Args:
         state: The state at the beginning.
         G: Diffusion in Pa^2 at both ends, (2,).
-        log_Y: ln of the hardness at both ends, (2,).
-        rate: v = d ln Y / dG at both ends, (2,).
+        log_Y: ln of the hardness in Pa at both ends, (2,).
+        rate: v = d ln Y / dG in 1/Pa^2 at both ends, (2,).
     """
     n = state.density.size
     dG = _DIAGONAL * (G[1] - G[0])

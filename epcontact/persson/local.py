@@ -77,7 +77,7 @@ class LocalState:
 
     @property
     def weights(self) -> FloatArray:
-        """Weights (m,) in Pa of the integral over the pressures."""
+        """Weights (m,) in Pa of the trapezoidal rule over the state's m pressures."""
         width = np.diff(
             self.pressure, prepend=self.pressure[0], append=self.pressure[-1]
         )
@@ -85,31 +85,43 @@ class LocalState:
 
     @property
     def cumulative(self) -> FloatArray:
-        """Elastic area at pressures from 0 up to each of the pressures, (m,)."""
+        """Elastic area at pressures from 0 up to each of the state's m pressures, (m,).
+
+        It is a fraction of the nominal area.
+        """
         mean_density = (self.density[1:] + self.density[:-1]) / 2
         masses = mean_density * np.diff(self.pressure)
         return np.concatenate([[0.0], np.cumsum(masses)])
 
     @property
     def areas(self) -> ContactAreas:
-        """The areas at the last tau."""
+        """The areas at the end of the diffusion, as fractions of the nominal area."""
         return ContactAreas(self.elastic[-1], self.plastic[-1], self.separated[-1])
 
     @property
     def force(self) -> float:
-        """The part of the mean pressure that elastic contact carries, in Pa."""
+        """The mean pressure in Pa that elastic contact carries, at the end."""
         return float(self.weights @ (self.pressure * self.density))
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """dP/dsigma at zero and at the last pressure, in 1/Pa^2."""
+        """dP/dsigma at pressure zero and at the state's last pressure, in 1/Pa^2.
+
+        P is the density of elastic contact at the end of the diffusion.
+        """
         first, last = self.density[[1, -2]] / np.diff(self.pressure)[[0, -1]]
         return float(first), float(-last)
 
     def areas_at(self, diffusion: FloatArray) -> ContactAreas:
-        """Return the areas at a tau (Pa^2) of any shape, interpolated in ln tau.
+        """Return the areas at diffusions of full contact, interpolated in ln tau.
 
-        Before the first tau of the state all of the area is in elastic contact.
+        Before the first diffusion of the state all of the area is in elastic contact.
+
+        Args:
+            diffusion: tau in Pa^2, of any shape.
+
+        Returns:
+            Fractions of the nominal area, of the same shape.
         """
         nodes = np.log(self.diffusion)
         with np.errstate(divide="ignore"):
@@ -129,15 +141,19 @@ def local_reduction(
     elastic: float,
     constants: Constants = CONSTANTS,
 ) -> FloatArray:
-    """Return S at pressures (n,).
+    """Return the reduction S of elastic energy at pressures (n,), by the rule "local".
 
     Args:
         pressure: sigma in Pa, (n,).
         hardness: sigma_P in Pa; infinite for an elastic body.
-        spread: sqrt(2 tau) in Pa.
+        spread: sqrt(2 tau) in Pa, the standard deviation of the pressure in full
+            contact.
         breadth: r, the mean wave number of the slopes over the highest.
         elastic: A_el, the elastic area as a fraction of the nominal area.
-        constants: gamma, b and c.
+        constants: gamma, b and c of the rule, dimensionless.
+
+    Returns:
+        S at each pressure, dimensionless, (n,): 1 far from zero and from the hardness.
     """
     gamma, b, c = constants
     g = gamma ** (1 / _POWER)
@@ -153,9 +169,14 @@ def local_reduction(
 
 
 def relative_wavenumbers(roughness: Roughness) -> tuple[FloatArray, FloatArray]:
-    """Return xi^2 (n,) up to the end of each band with slopes, and r (n,) there.
+    """Return the slope variance and the relative mean wave number of bands, (n,) each.
 
-    r is the mean wave number of the slopes up to the band's end over that end.
+    The first is xi^2 of the roughness up to the end of each band.  The second is r, the
+    mean wave number of these slopes over the wave number at the band's end.  Bands
+    without slopes are left out.
+
+    Args:
+        roughness: The bands of the surface.
     """
     filled = roughness.slope_variance > 0
     added = roughness.slope_variance[filled]
@@ -173,15 +194,19 @@ def integrate(
     constants: Constants = CONSTANTS,
     resolution: tuple[int, int] = RESOLUTION,
 ) -> LocalState:
-    """Solve the diffusion equation of the rule along tau.
+    """Solve the diffusion equation of the rule "local" along the diffusion tau.
 
     Args:
-        diffusion: tau in Pa^2, ascending, (n,); the last is the end.
-        breadth: r at each tau, (n,).
+        diffusion: tau of full contact in Pa^2, ascending, (n,); the last is the end.
+        breadth: r at each tau, (n,): mean wave number of the slopes over the highest.
         mean_pressure: p_0 in Pa.
         hardness: sigma_P in Pa; infinite for an elastic body.
-        constants: gamma, b and c.
-        resolution: Nodes and steps, see `RESOLUTION`.
+        constants: gamma, b and c of the rule, dimensionless.
+        resolution: Nodes to a factor e of the distance from a bound, and steps to a
+            factor e of tau.
+
+    Returns:
+        The areas along tau, and the pressures at its end.
     """
     nodes_per_e_fold, steps_per_e_fold = resolution
     nearer_bound = min(mean_pressure, hardness - mean_pressure)
@@ -212,7 +237,16 @@ def integrate(
     def solve_stage(
         known: FloatArray, step: int, fraction: float, h: float, elastic: float
     ) -> FloatArray:
-        """Return U with U = known + h dU/dt, with S at a fraction of the step."""
+        """Return the state after a stage: U with U = known + h dU/dt.
+
+        Args:
+            known: Plastic area, separated area, and densities in 1/Pa at the inner
+                nodes.
+            step: Number of the step.
+            fraction: Of the step at which the reduction S is taken.
+            h: Size of the stage in Pa^2.
+            elastic: Elastic area there, as a fraction of the nominal area.
+        """
         tau = t[step] + fraction * (t[step + 1] - t[step])
         breadth_there = r[step] + fraction * (r[step + 1] - r[step])
         S = local_reduction(
@@ -261,10 +295,15 @@ def _with_exact_moments(
 
 
 def _nodes(mean_pressure: float, top: float, nodes_per_e_fold: int) -> FloatArray:
-    """Return pressures from 0 to `top` that are dense next to both ends.
+    """Return ascending pressures in Pa from 0 to `top`, dense next to both ends.
 
     The spacing next to an end is that next to the mean pressure times the ratio of the
     distances from the end.
+
+    Args:
+        mean_pressure: In Pa.
+        top: Largest pressure in Pa, above the mean pressure.
+        nodes_per_e_fold: Number of nodes to a factor e of the distance from an end.
     """
     below = mean_pressure
     above = top - mean_pressure

@@ -65,6 +65,10 @@ class EnergyReduction:
     rule: Rule = "constant"
 
     def __post_init__(self) -> None:
+        """Check the rule and gamma, and convert gamma to a float.
+
+        Raises InvalidScene if the rule is unknown or gamma is out of range.
+        """
         require_one_of("energy reduction rule", self.rule, Rule)
         least = 0.011 if self.rule == "wang_muser" else 0.0
         expected = f"a number between {least:g} (excluded) and 1"
@@ -74,10 +78,16 @@ class EnergyReduction:
         set_frozen(self, gamma=gamma)
 
     def factor(self, contact_area: ArrayLike) -> FloatArray:
-        """Return S at a relative contact area; for the rule "xu", the factor G / tau.
+        """Return the reduction S of elastic energy at a contact area, by this rule.
+
+        For the rule "xu" it is the factor G / tau between the reduced diffusion and
+        that of full contact.
 
         Args:
             contact_area: A in [0, 1], elastic and plastic, of any shape.
+
+        Returns:
+            Dimensionless factor of the same shape.
 
         Raises:
             InvalidScene: The rule is "local", whose S depends on the pressure.
@@ -129,18 +139,22 @@ def reduced_diffusion(
     hardness: float = math.inf,
     steps_per_decade: int = STEPS_PER_DECADE,
 ) -> FloatArray:
-    """Return G in Pa^2, the diffusion with the reduction S.
+    """Return G in Pa^2, the diffusion with the reduction S of elastic energy.
 
     Args:
-        reduction: The rule of S; "local" has no G.
+        reduction: The rule of S; the rule "local" has no G.
         full_contact_diffusion: tau in Pa^2, of any shape.
         mean_pressure: p_0 in Pa.
         hardness: sigma_P in Pa; infinite for an elastic body.
         steps_per_decade: Steps of the integration to a decade of G.
 
+    Returns:
+        G of the shape of tau.
+
     Raises:
         InvalidScene: tau is negative or not finite, the mean pressure is not between 0
             and the hardness, or the rule is "local".
+        NotConverged: Newton's method did not find G.
     """
     tau = array("full_contact_diffusion", full_contact_diffusion)
     if not (np.isfinite(tau).all() and (tau >= 0).all()):
@@ -158,14 +172,14 @@ def reduced_diffusion(
         return G
 
     def factor(G: FloatArray) -> FloatArray:
-        """Return S at the contact area that belongs to G (Pa^2)."""
+        """Return S (n,) at the contact areas of the diffusions G (n,) in Pa^2."""
         return reduction.factor(areas(G, mean_pressure, hardness).total)
 
     if reduction.rule == "xu":
         tau_beyond = tau[beyond]
 
         def residual(G: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """Return G - [gamma + (1 - gamma) A(G)] tau and its derivative."""
+            """Return G - [gamma + (1 - gamma) A(G)] tau in Pa^2, and its derivative."""
             loss_of_area, _ = boundary_slopes(G, mean_pressure, hardness)  # -dA/dG
             slope = 1 + (1 - reduction.gamma) * tau_beyond * loss_of_area
             return G - factor(G) * tau_beyond, slope
@@ -182,16 +196,19 @@ def reduced_diffusion(
 def _integrate(
     factor: Callable[[FloatArray], FloatArray], tau: FloatArray, edges: FloatArray
 ) -> FloatArray:
-    """Return G (n,) with int_0^G dG' / S(G') = tau (n,).
+    """Return the reduced diffusion G (n,) with int_0^G dG' / S(G') = tau, in Pa^2.
 
     Args:
-        factor: S as a function of G.
+        factor: Function from G (Pa^2) to the reduction S, arrays of one shape.
         tau: Diffusion of full contact in Pa^2, (n,).
         edges: Ends of the steps of G in Pa^2, (m,); up to the first, G = tau.
+
+    Raises:
+        NotConverged: Newton's method did not find a G.
     """
 
     def integral(low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return int dG / S between arrays of ends, by Gauss's rule."""
+        """Return int dG / S in Pa^2 between arrays of ends (k,) by Gauss's rule."""
         points = low[:, None] + (high - low)[:, None] * _POINTS
         return np.asarray((high - low) * ((1 / factor(points)) @ _WEIGHTS))
 

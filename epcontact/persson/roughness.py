@@ -53,12 +53,12 @@ class Roughness:
 
     @property
     def rms_slope(self) -> float:
-        """xi, the rms slope of all bands."""
+        """The rms slope xi of all bands of this roughness, dimensionless."""
         return math.sqrt(self.slope_variance.sum())
 
     @property
     def highest(self) -> float:
-        """The largest wave number of all bands in rad/m."""
+        """The largest wave number of all bands of this roughness, in rad/m."""
         return float(self.upper_edge[-1])
 
 

@@ -93,7 +93,14 @@ def elastic_energy(theory: Theory, mean_pressure: float) -> float:
 
 
 def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
-    """Return the roughness with C_eff, after plastic flow at a mean pressure in Pa.
+    """Return the roughness that remains after plastic flow, by the effective spectrum.
+
+    The spectrum of each wave number is multiplied by 1 - (A_pl sigma_P / p)^6, with the
+    plastic area A_pl at its magnification.
+
+    Args:
+        theory: The elastoplastic body.
+        mean_pressure: p in Pa.
 
     Raises:
         InvalidScene: The pressure is out of range, or the reduction is "local".
@@ -159,7 +166,12 @@ def mean_separation(
 def flattened(theory: Theory, mean_pressure: float) -> Theory:
     """Return the elastic theory of the surface that an elastoplastic contact flattens.
 
-    The theory of an elastic body is returned as it is.  `mean_pressure` is in Pa.
+    Args:
+        theory: The body; that of an elastic body is returned as it is.
+        mean_pressure: In Pa.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
     """
     if math.isinf(theory.hardness):
         return theory
@@ -168,18 +180,26 @@ def flattened(theory: Theory, mean_pressure: float) -> Theory:
 
 
 def _band_diffusion(theory: Theory) -> FloatArray:
-    """Return the diffusion of full contact in the middle of each band in Pa^2, (n,)."""
+    """Return the diffusion of full contact in the middle of each band, in Pa^2.
+
+    Args:
+        theory: The body, whose roughness has n bands.
+
+    Returns:
+        Ascending values without the reduction of elastic energy, (n,).
+    """
     variance = theory.roughness.slope_variance
     middle = np.cumsum(variance) - 0.5 * variance
     return full_contact_diffusion(theory.effective_modulus, middle)
 
 
 def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatArray:
-    """Return U_el (...,) in J/m^2.
+    """Return the elastic energy (...,) in J per m^2 of nominal area.
 
     Args:
-        theory: The body.
-        contact: Contact area at each band as a fraction, (..., bands).
+        theory: The body, with `bands` bands of roughness.
+        contact: Contact area at each band as a fraction of the nominal area, (...,
+            bands).
         elastic: Its elastic part, (..., bands).
     """
     reduction = theory.reduction
@@ -195,7 +215,7 @@ def _energy(theory: Theory, contact: FloatArray, elastic: FloatArray) -> FloatAr
 def gap_distribution(
     theory: Theory, mean_pressure: float, gap: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the density in 1/m and the cumulative fraction of the open gap.
+    """Return the probability density and the cumulative fraction of the open gap.
 
     Args:
         theory: The body; its reduction must not be "local".
@@ -203,8 +223,8 @@ def gap_distribution(
         gap: Gaps u in m, of any shape.
 
     Returns:
-        P(u), and the fraction of the nominal area with a gap of at most u; at u = 0
-        this is the fraction in contact.
+        The density in 1/m at each gap, and the fraction of the nominal area with a gap
+        of at most u; at u = 0 this is the fraction in contact.
 
     Raises:
         InvalidScene: The pressure is out of range, or the reduction is "local".
@@ -227,9 +247,17 @@ def _levels(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what the contact loses between ascending magnifications.
 
+    Args:
+        theory: An elastic body.
+        mean_pressure: In Pa.
+
     Returns:
-        The contact area as a fraction at n + 1 magnifications; u_1 and h in m, (n,), of
-        the area that is lost between two of them.
+        The contact area as a fraction at n + 1 magnifications; and of the area that
+        comes out of contact between two of them, the mean separation and the rms height
+        of the finer roughness in m, (n,) each.
+
+    Raises:
+        InvalidScene: The pressure is out of range, or the reduction is "local".
     """
     roughness = theory.roughness
     variance = np.concatenate([[0.0], np.cumsum(roughness.slope_variance)])
@@ -262,7 +290,7 @@ def _levels(
 
 
 def _without_first_bands(theory: Theory, count: int) -> Theory:
-    """Return the theory of the roughness without its first `count` bands."""
+    """Return the theory of the roughness without its first (longest) `count` bands."""
     roughness = theory.roughness
     finer = replace(
         roughness,

@@ -69,11 +69,18 @@ class Diffusion(NamedTuple):
         return Diffusion(*(array[mask] for array in arrays))
 
     def mirrored(self) -> Diffusion:
-        """Return the mirror image of the problem, measured from the upper bound."""
+        """Return the mirror image of the problem, measured from the upper bound.
+
+        The plastic area of the mirror image is the separated area of this problem.
+        """
         return Diffusion(self.r, self.s, self.c, self.y, self.x, -self.d, self.bounded)
 
     def in_lower_half(self) -> Diffusion:
-        """Return the problem, or its mirror image where that starts lower."""
+        """Return the problem with every start in the lower half of the interval.
+
+        Elements that start nearer to the upper bound are replaced by their mirror
+        images.
+        """
         low = self.s <= self.r
         arrays: tuple[Any, ...] = self
         mirrored: tuple[Any, ...] = self.mirrored()
@@ -81,7 +88,11 @@ class Diffusion(NamedTuple):
         return Diffusion(*(np.where(low, array, image) for array, image in pairs))
 
     def image_numbers(self, count: int) -> range:
-        """Return 1 to `count`, or an empty range if any element has no upper bound."""
+        """Return the image numbers 1 to `count`.
+
+        The range is empty if any element has no upper bound, because there the first
+        image alone is the solution.
+        """
         if self.bounded.all():
             return range(1, count + 1)
         return range(0)
@@ -109,9 +120,13 @@ def evaluate(diffusion: Diffusion, *, images: Formula, modes: Formula) -> FloatA
 
     Args:
         diffusion: The problem, with arrays of any one shape.
-        images: The quantity as a sum over images, exact for small spreads and for
-            elements without an upper bound.
-        modes: The quantity as a sum over eigenfunctions, exact for large spreads.
+        images: Function that returns the quantity as a sum over images; it is used for
+            small spreads and for elements without an upper bound.
+        modes: Function that returns the quantity as a sum over eigenfunctions; it is
+            used for large spreads.
+
+    Returns:
+        The quantity, of the shape of the problem.
     """
     values = np.empty(diffusion.c.shape)
     wide = diffusion.bounded & (diffusion.c >= SWITCH)
@@ -124,7 +139,16 @@ def evaluate(diffusion: Diffusion, *, images: Formula, modes: Formula) -> FloatA
 
 
 def sine(n: FloatArray, s: FloatArray, r: FloatArray) -> FloatArray:
-    """Return sin(n pi s) for s + r = 1, without loss of digits near s = 1."""
+    """Return sin(n pi s) for s + r = 1, without loss of digits near s = 1.
+
+    Args:
+        n: Mode numbers, (k, 1).
+        s: Position between the bounds 0 and 1, (m,).
+        r: Distance from the upper bound, 1 - s, (m,).
+
+    Returns:
+        (k, m) sines.
+    """
     sign = np.where(s <= r, 1, -((-1) ** n))
     return np.asarray(sign * np.sin(n * np.pi * np.minimum(s, r)))
 
@@ -159,9 +183,13 @@ def gaussian_mass(
 
 
 def plastic_images(w: Diffusion) -> FloatArray:
-    """Return the mass that the upper bound has absorbed, as a sum of positive terms.
+    """Return the fraction of the area that flows, as a sum of positive terms.
 
-    Where the bound is the only one, the mass is erfc of the distance over the spread.
+    It is the mass that the upper bound has absorbed; without a second bound this is
+    erfc of the distance over the spread.
+
+    Args:
+        w: Start and spread of the stress, arrays of one shape.
     """
     if not w.bounded.all():
         return np.asarray(erfc(w.r / w.c))
@@ -174,7 +202,13 @@ def plastic_images(w: Diffusion) -> FloatArray:
 
 
 def elastic_images(w: Diffusion) -> FloatArray:
-    """Return the mass between the bounds: the sum over k in Z of (-1)^k Gaussians."""
+    """Return the fraction of the area in elastic contact, as a sum over images.
+
+    It is the mass between the bounds, a sum over k in Z of (-1)^k Gaussians.
+
+    Args:
+        w: Start and spread of the stress, arrays of one shape.
+    """
     x = np.minimum(w.s, w.r)
     total = np.asarray(erf(x / w.c))
     for k in w.image_numbers(6):  # the seventh is below exp(-(6.5 / c)^2) < 1e-28
@@ -183,9 +217,13 @@ def elastic_images(w: Diffusion) -> FloatArray:
 
 
 def force_images(w: Diffusion) -> FloatArray:
-    """Return the force of elastic contact, int x P dx = s - A_pl.
+    """Return the force of elastic contact over the nominal area and the unit of stress.
 
-    For a start in the upper half it is A_el - (r - A_separated), which keeps digits.
+    It is int x P dx = s - A_pl.  For a start in the upper half it is A_el - (r -
+    A_separated), which keeps digits.
+
+    Args:
+        w: Start and spread of the stress, arrays of one shape.
     """
     low = w.in_lower_half()
     of_lower_half = low.s - plastic_images(low)
@@ -195,8 +233,11 @@ def force_images(w: Diffusion) -> FloatArray:
 def slope_images(w: Diffusion) -> FloatArray:
     """Return dP/dx at x = 0+: (4/c^2) sum over m of (s + 2m) phi(s + 2m).
 
-    Images are paired so that each pair vanishes with the distance of the start from its
-    bound.
+    phi is the Gaussian of the spread c.  Images are paired so that each pair vanishes
+    with the distance of the start from its bound.
+
+    Args:
+        w: Start and spread of the stress in its unit, arrays of one shape.
     """
     low = w.s <= w.r
     x = np.minimum(w.s, w.r)
@@ -224,16 +265,20 @@ def elastic_density(
 
     Args:
         x: Pressure / unit.
-        start: Mean pressure / unit.
+        start: Mean pressure / unit, of the shape of x.
         distance: |x - start|, which the callers know without cancellation.
-        c: Spread.
+        c: Spread 2 sqrt(G) / unit.
     """
     fade = -np.expm1(-4 * (start / c) * (x / c))
     return np.asarray(np.exp(-((distance / c) ** 2)) * fade / (np.sqrt(np.pi) * c))
 
 
 def density_images(w: Diffusion) -> FloatArray:
-    """Return P(x): the elastic densities of the start and of its images."""
+    """Return the density P(x) times the unit of stress, as a sum over images.
+
+    Args:
+        w: Start, spread and pressure x, arrays of one shape.
+    """
     low = w.in_lower_half()
     x, s, d, c = low.x, low.s, low.d, low.c
     total = elastic_density(x, s, d, c)
@@ -244,15 +289,21 @@ def density_images(w: Diffusion) -> FloatArray:
 
 
 def cumulative_images(w: Diffusion) -> FloatArray:
-    """Return the mass between 0 and x.
+    """Return the fraction of the area in elastic contact at pressures from 0 to x.
 
-    Errors are relative to the mass between the bounds, however small that mass is.
+    Errors are relative to the elastic area, however small this area is.
+
+    Args:
+        w: Start, spread and pressure x in the unit of stress, arrays of one shape.
     """
     low = w.in_lower_half()
     x, s, d, c = low.x, low.s, low.d, low.c
 
     def mass(centre: FloatArray, lower: FloatArray) -> FloatArray:
-        """Return the mass of a Gaussian between lower and 2 centre - lower."""
+        """Return the mass of a Gaussian of spread c between lower and 2 centre - lower.
+
+        Both arguments are in the unit of stress.
+        """
         return gaussian_mass(centre / c, s / c, lower / c)
 
     below = mass(np.zeros_like(c), -s) - mass(x, d)

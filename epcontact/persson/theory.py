@@ -41,7 +41,11 @@ class Curve:
     """Arrays of one shape (n,), each annotated with the name and unit of its column."""
 
     def columns(self) -> dict[str, FloatArray]:
-        """Return the columns by name and unit, for a table in CSV or JSON."""
+        """Return the curve's columns (n,) by name and unit, for a table in CSV or JSON.
+
+        A column is a field whose annotation contains such a name, for example
+        "pressure_Pa".
+        """
         hints = get_type_hints(type(self), include_extras=True)
         found = {}
         for name, hint in hints.items():

@@ -176,9 +176,18 @@ def expected_errors(
 def _errors_of_local_rule(
     theory: Theory, mean_pressure: float, surfaces: int
 ) -> dict[str, ExpectedError]:
-    """Return the errors of the rule "local", of areas for which `LOCAL_ERRORS` hold.
+    """Return the expected errors of the rule "local", by the names of the areas.
 
-    Raises InvalidScene if the scene is outside the map.
+    An area is left out where it is too small, and the plastic area where the body is
+    too hard for `LOCAL_ERRORS`.
+
+    Args:
+        theory: The body, with the rule "local".
+        mean_pressure: In Pa.
+        surfaces: Number of surfaces whose mean is compared.
+
+    Raises:
+        InvalidScene: The scene is outside the map of the theory's error.
     """
     place, *_ = _place_in_map(theory, mean_pressure)
     contact = theory.local_state(mean_pressure).areas
@@ -195,9 +204,19 @@ def _errors_of_local_rule(
 def _place_in_map(
     theory: Theory, mean_pressure: float
 ) -> tuple[dict[str, float], float, float]:
-    """Return the coordinates of a scene by name, Nayak's parameter and the waves.
+    """Return the coordinates of a scene in the map of the theory's error.
 
-    Raises InvalidScene if the map does not reach so far.
+    Args:
+        theory: The body.
+        mean_pressure: In Pa.
+
+    Returns:
+        Dimensionless: hardness/(E* xi) and p0/hardness by name, or p0/(E* xi) alone for
+            an elastic body; Nayak's parameter; and the number of the slope's waves
+            along a side.
+
+    Raises:
+        InvalidScene: A value is outside the range of the map.
     """
     unit = theory.effective_modulus * theory.roughness.rms_slope
     reach = map_reach()
@@ -222,7 +241,21 @@ def _place_in_map(
 def _interpolate(
     theory: Theory, mean_pressure: float, surfaces: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return low, middle and high y (3, figures) and areas (areas, 3)."""
+    """Return the map's transformed errors of the theory, and the areas they imply.
+
+    Args:
+        theory: The body.
+        mean_pressure: In Pa.
+        surfaces: Number of surfaces whose mean is compared.
+
+    Returns:
+        Low, middle and high end of each figure's transformed error, (3, 6), NaN where
+        it is not resolved; and total, elastic and plastic area of the nominal area at
+        these ends, (3, 3).
+
+    Raises:
+        InvalidScene: The scene is outside the map.
+    """
     place, alpha, waves = _place_in_map(theory, mean_pressure)
     axes, grid, covariance = _fits(tuple(place))
     at = [_scaled(name, value) for name, value in place.items()]
@@ -249,10 +282,13 @@ def _interpolate(
 
 
 def expectation(theory: Theory, mean_pressure: float) -> str:
-    """Return the sentence of a note on the expected errors of the theory.
+    """Return a sentence on the expected errors of the theory, for a result's notes.
 
-    `mean_pressure` is in Pa.  Outside the map the sentence says that the errors are not
-    known, and why.
+    Outside the map of errors the sentence says that the errors are not known, and why.
+
+    Args:
+        theory: The body.
+        mean_pressure: In Pa.
     """
     try:
         errors = expected_errors(theory, mean_pressure)
@@ -281,7 +317,14 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
 
 
 def nayak(roughness: Roughness) -> tuple[float, float]:
-    """Return Nayak's parameter m0 m4/m2^2, and m2/m1 over the lowest wave number."""
+    """Return Nayak's parameter m0 m4/m2^2, and m2/m1 over the lowest wave number.
+
+    The second is the number of waves of the slope along a side.  m_k is the k-th moment
+    of the spectrum; both values are dimensionless.
+
+    Args:
+        roughness: Bands of the surface, at least one with slopes.
+    """
     filled = roughness.slope_variance > 0
     m2 = roughness.slope_variance[filled]  # of each band
     m1 = roughness.first_moment[filled]
@@ -293,7 +336,11 @@ def nayak(roughness: Roughness) -> tuple[float, float]:
 
 @functools.cache
 def theory_map() -> Mapping[str, FloatArray]:
-    """Return the columns of `theory_map.csv`, with `nayak` and `waves` of each row."""
+    """Return the columns of `theory_map.csv` (rows,), by name.
+
+    The columns `nayak` and `waves` are added: Nayak's parameter and the number of the
+    slope's waves along a side, for the spectrum of each row.
+    """
     path = files("epcontact.persson") / "theory_map.csv"
     with path.open(encoding="utf-8") as lines:
         table = np.genfromtxt(lines, delimiter=",", names=True, skip_header=2)
@@ -310,7 +357,10 @@ def theory_map() -> Mapping[str, FloatArray]:
 
 @functools.cache
 def map_reach() -> dict[str, tuple[float, float]]:
-    """Return the smallest and the largest value of each coordinate of the map."""
+    """Return the smallest and the largest value of each coordinate of the error map.
+
+    All are dimensionless and by the names that messages show.
+    """
     table = theory_map()
     capped = np.isfinite(table["hardness"])
     soft_with_roll_off = (table["roll_off"] > 1) & (table["hardness"] < 0.99 * _SOFT)
@@ -331,7 +381,10 @@ def map_reach() -> dict[str, tuple[float, float]]:
 
 @functools.cache
 def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """Fit the line of each figure at each place of the map.
+    """Fit the line of each figure's error at each place of the map.
+
+    A place is a pair of hardness and load.  The line is linear in ln(Nayak's parameter)
+    and ln(number of waves).
 
     Args:
         names: Coordinates: hardness and load, or the load of elastic bodies alone.
@@ -339,7 +392,7 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
     Returns:
         The scaled axes; of each place and figure the three coefficients, the variance
         of the misfit and the scatter, (..., figures, 5); the covariances of the
-        coefficients, (..., figures, 3, 3).
+        coefficients, (..., figures, 3, 3).  Places without data hold NaN.
     """
     table = theory_map()
     capped = len(names) == 2
@@ -378,7 +431,15 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
 def _transformed_errors(
     rows: Mapping[str, FloatArray],
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield y of each figure and its standard error by the surfaces, (rows,) each."""
+    """Yield each figure's transformed error and its standard error, (rows,) each.
+
+    The order is that of `FIGURES`.  For an area the transformed error is the difference
+    of logits (or logarithms) between boundary elements and the theory; for other
+    figures it is e/(2 + e), with the relative error e of the theory.
+
+    Args:
+        rows: Columns of the map by name, (rows,) each.
+    """
     capped = np.isfinite(rows["hardness"])
     load = np.where(capped, rows["load"] * rows["hardness"], rows["load"])
     of_theory = areas(GAMMA / 8, load, rows["hardness"])
@@ -398,11 +459,13 @@ def _transformed_errors(
 
 
 def _logs(contact: ContactAreas, load: Any) -> FloatArray:
-    """Return y of the total, elastic and plastic area: logit, logarithm and logit.
+    """Return logit, logarithm and logit of the total, elastic and plastic area.
+
+    Small floors under the theory's areas keep the values finite.
 
     Args:
-        contact: The areas by the theory, of any shape.
-        load: p0/hardness, which sets the floors under the areas.
+        contact: The areas by the theory, fractions of any shape.
+        load: p0/hardness, which sets the floors under the areas; 0 without a hardness.
 
     Returns:
         Array of shape (3, ...).
@@ -420,7 +483,12 @@ def _logs(contact: ContactAreas, load: Any) -> FloatArray:
 
 
 def _scaled(name: str, value: Any) -> Any:
-    """Return the logarithm of a coordinate, or the logit of a fraction."""
+    """Return the logarithm of a map coordinate, or the logit of p0/hardness.
+
+    Args:
+        name: Of the coordinate, as messages show it.
+        value: Number or array, positive, and below 1 for p0/hardness.
+    """
     if name == _LOAD_OF_HARDNESS:
         return np.log(value / (1 - value))
     return np.log(value)

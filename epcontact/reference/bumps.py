@@ -85,7 +85,7 @@ def sphere_contact_radius_periodic(
     strength = force / (math.pi * effective_modulus)
 
     def excess(a: float) -> float:
-        """Return the force that a contact of radius a carries, over F, less 1."""
+        """Return the force that a contact of radius a in m carries, over F, less 1."""
         curvature = 1 / radius + strength * (
             LATTICE_SUM_3 / (2 * period**3) + 0.45 * LATTICE_SUM_5 * a**2 / period**5
         )
@@ -100,15 +100,15 @@ def sphere_contact_radius_periodic(
 def cylinder_half_width_periodic(
     force_per_length: float, radius: float, effective_modulus: float, period: float
 ) -> float:
-    """Return a = (L/pi) arccos(exp(-2 pi R P' / (E* L^2))) in m.
+    """Return the exact half-width in m of the contacts of a row of parabolas.
 
-    This half-width of the contacts of a row of parabolas is exact.
+    It is a = (L/pi) arccos(exp(-2 pi R P' / (E* L^2))).
 
     Args:
-        force_per_length: P' in N/m.
-        radius: R in m.
+        force_per_length: P' on one parabola, in N/m.
+        radius: R of the summits, in m.
         effective_modulus: E* in Pa.
-        period: L in m.
+        period: L, the distance of neighbours, in m.
     """
     load = 2 * math.pi * radius * force_per_length / (effective_modulus * period**2)
     # arccos(e^-w) = arcsin(sqrt(1 - e^-2w)), which keeps its digits at small loads.
@@ -126,12 +126,14 @@ def cylinder_pressure_periodic(
 
         p = (E* L/(2 pi R)) artanh(sqrt(sin^2 t_a - sin^2 t) / cos t)
 
+    It is 0 outside of the contact, whose rim is at t_a = pi a/L.
+
     Args:
         distance: x from a crest in m, of any shape.
-        half_width: a in m.
-        radius: R in m.
+        half_width: a of the contact, in m.
+        radius: R of the summits, in m.
         effective_modulus: E* in Pa.
-        period: L in m.
+        period: L, the distance of neighbours, in m.
     """
     angle = np.pi * np.asarray(distance) / period
     depth = np.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
@@ -164,7 +166,12 @@ class _Bump:
 
     @classmethod
     def of(cls, scene: Scene) -> _Bump:
-        """Measure the bump of a scene; raise InvalidCase if the scene has another."""
+        """Return the bump that is measured on the heights of a scene.
+
+        Raises:
+            InvalidCase: The scene is no elastic half-space with one round bump in a
+                square period.
+        """
         modulus = HERTZ.elastic_half_space(scene)
         surface = scene.surface
         curvatures = []
@@ -192,10 +199,16 @@ _DESCRIBED = "one round bump in a square period"
 
 
 def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
-    """Return summit (m) and curvature (1/m) of the bump along an axis.
+    """Return position (m) and curvature (1/m) of the bump's summit along one axis.
 
     They are those of the parabola through the highest point and its two neighbours.
-    Raises InvalidCase if this parabola has no summit.
+
+    Args:
+        scene: Whose heights are measured.
+        axis: 0 for x or 1 for y.
+
+    Raises:
+        InvalidCase: This parabola has no summit.
     """
     heights = scene.surface.heights
     spacing = scene.surface.spacing[axis]
@@ -216,7 +229,12 @@ def _parabola(scene: Scene, axis: int) -> tuple[float, float]:
 
 @HERTZ.gives("area.total")
 def _contact_fraction(scene: Scene) -> float:
-    """Return the contact area as a fraction of the nominal area."""
+    """Return the contact area of Hertz's bump as a fraction of the nominal area.
+
+    Raises:
+        InvalidCase: The scene is no elastic half-space with one round bump in a square
+            period.
+    """
     bump = _Bump.of(scene)
     arguments = (bump.force, bump.radius, bump.modulus, bump.period)
     if scene.surface.heights.ndim == 1:
@@ -226,10 +244,14 @@ def _contact_fraction(scene: Scene) -> float:
 
 
 def _pressure_at(scene: Scene, distance: FloatArray) -> FloatArray:
-    """Return the pressure in Pa at distances in m from the summit, of any shape.
+    """Return the pressure in Pa at distances in m from the bump's summit, of any shape.
 
     Under a sphere it is the semi-ellipse that carries the load on the contact area of
     the periodic problem; the images change it by less than (a/L)^5.
+
+    Raises:
+        InvalidCase: The scene is no elastic half-space with one round bump in a square
+            period.
     """
     bump = _Bump.of(scene)
     fraction = _contact_fraction(scene)
@@ -245,11 +267,17 @@ def _pressure_at(scene: Scene, distance: FloatArray) -> FloatArray:
 
 @HERTZ.gives("field.pressure")
 def _pressure(scene: Scene) -> FloatArray:
-    """Return the pressure in Pa at each grid point."""
+    """Return Hertz's pressure in Pa at each grid point of the scene.
+
+    Raises InvalidCase if the scene has no round bump on an elastic half-space.
+    """
     return _pressure_at(scene, _Bump.of(scene).distance)
 
 
 @HERTZ.gives("quantity.largest_pressure")
 def _largest_pressure(scene: Scene) -> float:
-    """Return the pressure at the summit in Pa."""
+    """Return Hertz's pressure at the summit of the scene's bump, in Pa.
+
+    Raises InvalidCase if the scene has no round bump on an elastic half-space.
+    """
     return float(_pressure_at(scene, np.zeros(1))[0])

@@ -53,17 +53,40 @@ Law = Callable[[Values, Values], Values]
 
 
 def _cooper_mikic_yovanovich(load: Values, hardness: Values) -> Values:
-    """Return y = 1.25 (P/H)^.95, for plastic contact."""
+    """Return the dimensionless conductance of plastic contact, y = 1.25 (P/H)^.95.
+
+    y = sigma h/(k_s m): rms height times conductance over conductivity and mean slope.
+
+    Args:
+        load: P/H, mean pressure over hardness, a number or an array.
+        hardness: H/(E* xi); it has no influence.
+    """
     return 1.25 * load**0.95 + 0 * hardness
 
 
 def _mikic(load: Values, hardness: Values) -> Values:
-    """Return y = 1.55 (sqrt(2) P/(E* m))^.94, for elastic contact."""
+    """Return the dimensionless conductance of elastic contact by Mikic.
+
+    It is y = 1.55 (sqrt(2) P/(E* m))^.94 with y = sigma h/(k_s m): rms height times
+    conductance over conductivity and mean slope m.
+
+    Args:
+        load: P/H, mean pressure over hardness, a number or an array.
+        hardness: H/(E* xi), with the effective modulus E* and the rms slope xi.
+    """
     return 1.55 * (2**0.5 * PROFILE * load * hardness) ** 0.94
 
 
 def _persson(load: Values, hardness: Values) -> Values:
-    """Return y = P/(gamma E* m), for elastic contact."""
+    """Return the dimensionless conductance of elastic contact by Persson.
+
+    It is y = P/(gamma E* m) with y = sigma h/(k_s m): rms height times conductance over
+    conductivity and mean slope m.
+
+    Args:
+        load: P/H, mean pressure over hardness, a number or an array.
+        hardness: H/(E* xi), with the effective modulus E* and the rms slope xi.
+    """
     return PROFILE * load * hardness / _GAMMA
 
 
@@ -79,21 +102,25 @@ def contact_area(load: Values, hardness: Values) -> Values:
     """Return an approximate contact area as a fraction of the nominal area.
 
     It is P/H where all of the contact flows, and 2 P/(E* xi) where nothing flows.
-    `load` is P/H, and `hardness` is H/(E* xi).
+
+    Args:
+        load: P/H, mean pressure over hardness, a number or an array.
+        hardness: H/(E* xi), with the effective modulus E* and the rms slope xi.
     """
     return load * np.hypot(1, 2 * hardness)
 
 
 def fitted(load: Values, hardness: Values, breadth: Values) -> Values:
-    """Return y of elastic and of flowing joints.
+    """Return the dimensionless conductance y of elastic and of flowing joints.
 
-    Spots conduct as a power of the load.  The spots of a broad spectrum lie in
-    clusters, which adds a resistance in proportion to the breadth.  The factor
-    (1 - A)^1.5 accounts for the neighbourhood of crowded spots.
+    y = sigma h/(k_s m): rms height times conductance over conductivity and mean slope.
+    Spots of contact conduct as a power of the load.  The spots of a broad spectrum lie
+    in clusters, which adds a resistance in proportion to the breadth.  The factor (1 -
+    A)^1.5, with the contact area A, accounts for the neighbourhood of crowded spots.
 
     Args:
-        load: P/H.
-        hardness: H/(E* xi).
+        load: P/H, mean pressure over hardness, a number or an array.
+        hardness: H/(E* xi), with the effective modulus E* and the rms slope xi.
         breadth: Wavelength of the roll-off over the shortest in the slope.
     """
     spots = load * np.hypot(1 / (1 + breadth / CLUSTER), ELASTIC * hardness)
@@ -122,6 +149,10 @@ class JointConductance:
     hardness: float
 
     def __str__(self) -> str:
+        """Return two lines of text on the conductance of this joint.
+
+        They hold the value with its interval, then the loads and the textbooks' laws.
+        """
         low, high = self.interval
         textbooks = ", ".join(f"{name} {h:.3g}" for name, h in self.laws.items())
         return (
@@ -202,13 +233,20 @@ def joint_conductance(
 def harmonic_mean(k1: float, k2: float) -> float:
     """Return k_s = 2 k_1 k_2/(k_1 + k_2) of two half-spaces in series.
 
-    Each half-space has half of the resistance of a spot.
+    Each half-space has half of the resistance of a spot.  The unit is that of the
+    conductivities k1 and k2, W/(m K) or S/m.
     """
     return 2 * k1 * k2 / (k1 + k2)
 
 
 def _refuse_outside(load: float, hardness: float, *breadths: float) -> None:
-    """Raise InvalidScene outside of the ranges in which the formula was judged."""
+    """Raise InvalidScene outside of the ranges in which the fitted formula was judged.
+
+    Args:
+        load: P/H, mean pressure over hardness.
+        hardness: H/(E* xi), with the effective modulus E* and the rms slope xi.
+        breadths: Wavelengths of the roll-off over the shortest in the slope.
+    """
     area = float(contact_area(load, hardness))
     places = [("P/H", load, LOADS), ("H/(E* xi)", hardness, HARDNESSES)]
     places += [("the breadth", breadth, BREADTHS) for breadth in breadths]
@@ -239,20 +277,36 @@ MIKIC = ClosedForm(
 
 @COOPER_MIKIC_YOVANOVICH.gives("quantity.conductance")
 def _plastic_conductance(scene: Scene) -> float:
-    """Return the conductance times the sum of the resistivities, in 1/m."""
+    """Return the conductance by Cooper, Mikic and Yovanovich's law, in 1/m.
+
+    It is the conductance per nominal area times the sum of the bodies' resistivities.
+    Raises InvalidCase unless the scene is a rough half-space with a finite hardness.
+    """
     return _conductance(scene, COOPER_MIKIC_YOVANOVICH, _cooper_mikic_yovanovich)
 
 
 @MIKIC.gives("quantity.conductance")
 def _elastic_conductance(scene: Scene) -> float:
-    """Return the conductance times the sum of the resistivities, in 1/m."""
+    """Return the conductance by Mikic's law of elastic contact, in 1/m.
+
+    It is the conductance per nominal area times the sum of the bodies' resistivities.
+    Raises InvalidCase unless the scene is a rough half-space with a finite hardness.
+    """
     return _conductance(scene, MIKIC, _mikic)
 
 
 def _conductance(scene: Scene, form: ClosedForm, law: Law) -> float:
-    """Return 2 h/k_s by a law, in 1/m; raise InvalidCase for a scene without hardness.
+    """Return the conductance 2 h/k_s of a scene by a law, in 1/m.
 
-    It is the conductance per nominal area times the sum of the resistivities.
+    It is the conductance per nominal area times the sum of the bodies' resistivities.
+
+    Args:
+        scene: The scene; its last load is used.
+        form: The closed form that an error names.
+        law: Function from P/H and H/(E* xi) to the dimensionless conductance.
+
+    Raises:
+        InvalidCase: The scene is no rough half-space with a finite hardness.
     """
     surface = scene.surface
     H = scene.material.hardness

@@ -47,7 +47,9 @@ def surface_compliance(
     *,
     bonded: bool = True,
 ) -> FloatArray:
-    """Return the surface displacement per pressure, u_q/p_q in m/Pa.
+    """Return the surface displacement per pressure of an elastic layer, in m/Pa.
+
+    It is u_q/p_q of each wave number q.
 
     The relative error is 1e-16/(q d)^3.
 
@@ -55,8 +57,11 @@ def surface_compliance(
         wavenumber: q > 0 in rad/m, of any shape.
         depth: d in m.
         young_modulus: E in Pa.
-        poisson_ratio: nu.
+        poisson_ratio: nu, below 0.5.
         bonded: Whether the base is bonded; else it slides without friction.
+
+    Returns:
+        Of the shape of the wave numbers.
     """
     q = np.atleast_1d(np.asarray(wavenumber, dtype=np.float64))
     x = (q * depth).ravel()
@@ -117,7 +122,7 @@ def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) ->
 def uniaxial_yield_pressure(material: Material) -> float:
     """Return the pressure in Pa at which a layer in uniaxial strain yields.
 
-    It is the same by von Mises and by Tresca.
+    It is Y (1 - nu)/(1 - 2 nu) with the yield stress Y, by von Mises and by Tresca.
     """
     nu = material.poisson_ratio
     return material.yield_stress * (1 - nu) / (1 - 2 * nu)
@@ -127,9 +132,10 @@ def uniaxial_yield_pressure(material: Material) -> float:
 
 
 def compliance(scene: Scene) -> FloatArray:
-    """Return the surface compliance in m/Pa for each mode of numpy.fft.rfftn.
+    """Return the compliance of a scene's surface for each Fourier mode, in m/Pa.
 
-    The mean of a half-space has the compliance 0.
+    The modes are those of numpy.fft.rfftn on the scene's grid.  The mean of a
+    half-space has the compliance 0.
     """
     surface = scene.surface
     body = scene.body
@@ -157,7 +163,13 @@ def compliance(scene: Scene) -> FloatArray:
 
 @FULL_CONTACT.gives("field.pressure")
 def _full_pressure(scene: Scene) -> FloatArray:
-    """Return the pressure in Pa at each grid point: p_q = h_q / C(q) about the mean."""
+    """Return the pressure of full contact in Pa at each grid point of the scene.
+
+    Each mode of the pressure is the mode of the heights over its compliance.
+
+    Raises:
+        InvalidCase: The load leaves a gap, or the body flows.
+    """
     C = compliance(scene)
     C.flat[0] = math.inf
     heights = scene.surface.heights
@@ -173,22 +185,32 @@ def _full_pressure(scene: Scene) -> FloatArray:
 
 @FULL_CONTACT.gives("area.total", "area.elastic")
 def _full_area(scene: Scene) -> float:
-    """Return 1; raise InvalidCase if a gap is left or the body flows."""
+    """Return 1, the contact area of full contact as a fraction.
+
+    Raises InvalidCase if the scene's load leaves a gap, or its body flows.
+    """
     _full_pressure(scene)
     return 1.0
 
 
 @FULL_CONTACT.gives("area.plastic", "quantity.mean_gap")
 def _nothing(scene: Scene) -> float:
-    """Return 0; raise InvalidCase if a gap is left or the body flows."""
+    """Return 0, the plastic area and the gap of full contact.
+
+    Raises InvalidCase if the scene's load leaves a gap, or its body flows.
+    """
     return 1 - _full_area(scene)
 
 
 @FULL_CONTACT.gives("quantity.elastic_energy")
 def _full_energy(scene: Scene) -> float:
-    """Return half of the mean of pressure times displacement, in J/m^2.
+    """Return the elastic energy of full contact, in J per m^2 of nominal area.
 
-    In full contact the displacement is that of the heights, and of the mean load.
+    It is half of the mean of pressure times displacement, which is that of the heights
+    and of the mean load.
+
+    Raises:
+        InvalidCase: The load leaves a gap, or the body flows.
     """
     pressure = _full_pressure(scene)
     heights = scene.surface.heights
@@ -199,7 +221,10 @@ def _full_energy(scene: Scene) -> float:
 
 @FULL_CONTACT.gives("distribution")
 def _full_distribution(scene: Scene) -> PressureDistribution:
-    """Return the distribution of the pressures of all grid points."""
+    """Return the distribution of the pressures of all grid points in full contact.
+
+    Raises InvalidCase if the scene's load leaves a gap, or its body flows.
+    """
     pressure = np.sort(_full_pressure(scene), axis=None)
     cumulative = np.arange(pressure.size + 1) / pressure.size
     return PressureDistribution(np.concatenate([[0], pressure]), cumulative)
@@ -216,7 +241,16 @@ class _Flat(ClosedForm):
     """
 
     def scalar(self, quantity: str, scene: Scene) -> float:
-        """Return the value of a quantity; raise InvalidCase if the surface is rough."""
+        """Return the exact value of a quantity of a level layer, in its SI unit.
+
+        Args:
+            quantity: Its name, such as "quantity.approach".
+            scene: The scene.
+
+        Raises:
+            InvalidCase: The surface is rough, the body is a half-space, or the form
+                does not give the quantity.
+        """
         rough_pressure = effective_modulus(scene.material) * scene.surface.rms_slope
         is_level = rough_pressure <= 1e-5 * max(scene.load.path)
         is_layer = math.isfinite(scene.body.depth)
@@ -229,9 +263,7 @@ FLAT = _Flat("flat", "a level layer under uniform pressure, in uniaxial strain (
 
 @FLAT.gives("area.plastic", "quantity.plastic_volume")
 def _has_flowed(scene: Scene) -> float:
-    """Return 1 if a layer in uniaxial strain has yielded along the load path, else
-    0.
-    """
+    """Return 1.0 if a level layer has yielded along the load path, else 0.0."""
     return float(max(scene.load.path) > uniaxial_yield_pressure(scene.material))
 
 
@@ -244,31 +276,31 @@ def _flat_area(scene: Scene) -> float:
 
 @FLAT.gives("area.elastic")
 def _flat_elastic_area(scene: Scene) -> float:
-    """Return 0 if the layer has yielded along the load path, else 1."""
+    """Return the elastic area of a level layer: 1, or 0 if the layer has yielded."""
     return 1 - _has_flowed(scene)
 
 
 @FLAT.gives("quantity.plastic_depth")
 def _plastic_depth(scene: Scene) -> float:
-    """Return the depth of the plastic zone in m: all of the layer, or 0."""
+    """Return the depth of a level layer's plastic zone in m: all of the layer, or 0."""
     return _has_flowed(scene) * scene.body.depth
 
 
 @FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")
 def _flat_pressure(scene: Scene) -> float:
-    """Return the uniform pressure in Pa."""
+    """Return the uniform pressure of a level layer in Pa, that of the last load."""
     return scene.load.final
 
 
 @FLAT.gives("field.pressure")
 def _flat_pressure_field(scene: Scene) -> FloatArray:
-    """Return the uniform pressure in Pa at each grid point."""
+    """Return the uniform pressure in Pa at each grid point, that of the last load."""
     return np.full(scene.surface.shape, scene.load.final)
 
 
 @FLAT.gives("distribution")
 def _flat_distribution(scene: Scene) -> PressureDistribution:
-    """Return a step at the uniform pressure."""
+    """Return the distribution of the uniform pressure of the last load, a step."""
     p0 = scene.load.final
     pressure = np.array([0, p0 * (1 - 1e-12), p0])
     return PressureDistribution(pressure, np.array([0.0, 0.0, 1.0]))
@@ -281,10 +313,14 @@ def _bulk_modulus(material: Material) -> float:
 
 @FLAT.gives("quantity.approach")
 def _compression(scene: Scene) -> float:
-    """Return the approach of a layer in m.
+    """Return the approach of a level layer in uniaxial strain, in m.
 
-    The strain is p/M up to the yield pressure and grows with the bulk modulus beyond.
-    Unloading is elastic while the pressure falls by less than twice the yield pressure.
+    The strain is p/M up to the yield pressure, with the oedometric modulus M, and grows
+    with the bulk modulus beyond.  Unloading is elastic while the pressure falls by less
+    than twice the yield pressure.
+
+    Raises:
+        InvalidCase: The load path is not one loading and elastic unloading.
     """
     material = scene.material
     path = scene.load.path
@@ -305,7 +341,7 @@ def _compression(scene: Scene) -> float:
 
 @FLAT.gives("quantity.largest_plastic_strain")
 def _plastic_strain(scene: Scene) -> float:
-    """Return the equivalent plastic strain.
+    """Return the equivalent plastic strain of a level layer after its largest load.
 
     It is two thirds, the deviatoric part, of the strain since yield.
     """
@@ -316,7 +352,10 @@ def _plastic_strain(scene: Scene) -> float:
 
 @FLAT.gives("quantity.plastic_work")
 def _plastic_work(scene: Scene) -> float:
-    """Return Y times the plastic strain times the depth, in J/m^2."""
+    """Return the plastic work of a level layer, in J per m^2 of nominal area.
+
+    It is the yield stress times the plastic strain times the depth.
+    """
     strain = _plastic_strain(scene)
     if strain == 0:
         return 0.0  # the yield stress may be infinite
@@ -325,10 +364,10 @@ def _plastic_work(scene: Scene) -> float:
 
 @FLAT.gives("quantity.elastic_energy")
 def _elastic_energy(scene: Scene) -> float:
-    """Return the elastic energy of a layer in uniaxial strain in J/m^2.
+    """Return the elastic energy of a layer in uniaxial strain, in J per m^2.
 
-    It is (p^2/(2 K) + q^2/(6 mu)) d.  Flow keeps q, the difference of the principal
-    stresses, at Y.
+    It is (p^2/(2 K) + q^2/(6 mu)) d, with the mean stress p and the difference q of the
+    principal stresses; flow keeps q at the yield stress.
     """
     material = scene.material
     M = oedometric_modulus(material)

@@ -35,17 +35,17 @@ CAPPED_STRIP = ClosedForm(
 def strip_pressure_periodic(
     distance: FloatArray, force_per_length: float, half_width: float, period: float
 ) -> FloatArray:
-    """Return the pressure in Pa under a row of strips, with t = pi x/L:
+    """Return the pressure in Pa under a row of flat strips, with t = pi x/L:
 
         p = (P'/L) cos(t) (sin^2 t_a - sin^2 t)^(-1/2)
 
-    It is infinite at the rim and 0 outside of the strip.
+    It is infinite at the rim t_a = pi a/L, and 0 outside of the strip.
 
     Args:
         distance: x from the middle of a strip in m, of any shape.
-        force_per_length: P' in N/m.
-        half_width: a in m.
-        period: L in m.
+        force_per_length: P' on one strip, in N/m.
+        half_width: a of a strip, in m.
+        period: L, the distance of neighbours, in m.
     """
     angle = np.pi * np.asarray(distance) / period
     depth = math.sin(math.pi * half_width / period) ** 2 - np.sin(angle) ** 2
@@ -55,7 +55,11 @@ def strip_pressure_periodic(
 
 
 def _post(scene: Scene, form: ClosedForm) -> tuple[float, float]:
-    """Measure the post on the heights of a scene.
+    """Measure the flat post on the heights of a scene.
+
+    Args:
+        scene: The scene.
+        form: The closed form that an error names.
 
     Returns:
         Area of the post as a fraction of the nominal area; half-width of a strip, or
@@ -80,6 +84,10 @@ def _row_stiffness(half_width: float, scene: Scene) -> float:
     """Return the stiffness of a row of elastic strips per nominal area in Pa/m.
 
     It is pi E*/(2 L ln(1/sin(pi a/L))), with the half-width a in m.
+
+    Args:
+        half_width: a of each strip, in m.
+        scene: With the effective modulus E* and the period L.
     """
     E = effective_modulus(scene.material)
     period = scene.surface.periods[0]
@@ -91,9 +99,13 @@ def _post_stiffness(scene: Scene) -> float:
     """Return the stiffness of elastic strips or discs per nominal area in Pa/m.
 
     The stiffness of discs is 1/(L^2/(2 a E*) + L/(pi E*) [-3.9003 + (S_3/3)(a/L)^2 +
-    ...]).  The images act on the disc and are discs themselves, each with <r^2> = 2
-    a^2/3 under its pressure.  The first omitted term, 3.2 (a/L)^6 in the brackets, is
-    3e-4 of the sum at a/L = 1/4 and 2e-2 at .4.
+    ...]), with the radius a and the period L.  The images act on the disc and are discs
+    themselves, each with <r^2> = 2 a^2/3 under its pressure.  The first omitted term,
+    3.2 (a/L)^6 in the brackets, is 3e-4 of the sum at a/L = 1/4 and 2e-2 at .4.
+
+    Raises:
+        InvalidCase: The scene is no elastic half-space with a flat post, or a disc's
+            radius is above a quarter of the period.
     """
     _, a = _post(scene, FLAT_PUNCH)
     E = FLAT_PUNCH.elastic_half_space(scene)
@@ -109,26 +121,40 @@ def _post_stiffness(scene: Scene) -> float:
 
 @FLAT_PUNCH.gives("area.total")
 def _punch_fraction(scene: Scene) -> float:
-    """Return the area of the post as a fraction of the nominal area."""
+    """Return the area of the scene's flat post as a fraction of the nominal area.
+
+    Raises InvalidCase if the scene has no flat post on a half-space.
+    """
     fraction, _ = _post(scene, FLAT_PUNCH)
     return fraction
 
 
 @FLAT_PUNCH.gives("quantity.elastic_energy")
 def _punch_energy(scene: Scene) -> float:
-    """Return half of load times approach, in J per m^2 of nominal area."""
+    """Return the elastic energy of a flat post in J per m^2 of nominal area.
+
+    It is half of load times approach.  Raises InvalidCase if the scene has no flat post
+    on an elastic half-space.
+    """
     return scene.load.final**2 / (2 * _post_stiffness(scene))
 
 
 @FLAT_PUNCH.gives("quantity.conductance")
 def _punch_conductance(scene: Scene) -> float:
-    """Return the conductance times the sum of the resistivities, in 1/m."""
+    """Return the conductance of a flat post, in 1/m.
+
+    It is the conductance per nominal area times the sum of the bodies' resistivities.
+    Raises InvalidCase if the scene has no flat post on an elastic half-space.
+    """
     return 2 * _post_stiffness(scene) / effective_modulus(scene.material)
 
 
 @FLAT_PUNCH.gives("quantity.smallest_contact_pressure")
 def _middle_pressure(scene: Scene) -> float:
-    """Return the smallest pressure under a strip, in its middle, in Pa."""
+    """Return the smallest pressure under a flat strip, in its middle, in Pa.
+
+    Raises InvalidCase if the scene has no strip on a half-space.
+    """
     _, a = _post(scene, FLAT_PUNCH)
     period = scene.surface.periods[0]
     FLAT_PUNCH.require(scene.surface.heights.ndim == 1, "a strip, to know its middle")
@@ -137,10 +163,15 @@ def _middle_pressure(scene: Scene) -> float:
 
 
 def _elastic_half_width(scene: Scene) -> float:
-    """Return the half-width e in m of the elastic middle of a capped strip.
+    """Return the half-width e in m of the elastic middle of a strip with a hardness.
 
-    The middle ends where no singularity is left:
-    cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)).
+    The elastic middle ends where the pressure reaches the hardness sigma_P without a
+    singularity: cos(pi a/L) = cos(pi e/L) cos(pi p0/(2 sigma_P)), with the half-width
+    a, the period L and the mean pressure p0.
+
+    Raises:
+        InvalidCase: The scene is no flat strip with a finite hardness, or all of the
+            strip flows.
     """
     _, a = _post(scene, CAPPED_STRIP)
     period = scene.surface.periods[0]
@@ -155,14 +186,20 @@ def _elastic_half_width(scene: Scene) -> float:
 
 @CAPPED_STRIP.gives("area.total")
 def _strip_fraction(scene: Scene) -> float:
-    """Return the width of the strip as a fraction of the period."""
+    """Return the width of the strip with a hardness, as a fraction of the period.
+
+    Raises InvalidCase if the scene has no flat post on a half-space.
+    """
     fraction, _ = _post(scene, CAPPED_STRIP)
     return fraction
 
 
 @CAPPED_STRIP.gives("area.plastic")
 def _plastic_fraction(scene: Scene) -> float:
-    """Return the width of the two plastic rims as a fraction of the period."""
+    """Return the width of the strip's two plastic rims as a fraction of the period.
+
+    Raises InvalidCase if the scene is no strip with a hardness, or all of it flows.
+    """
     _, a = _post(scene, CAPPED_STRIP)
     rim = a - _elastic_half_width(scene)
     return 2 * rim / scene.surface.periods[0]
@@ -170,24 +207,30 @@ def _plastic_fraction(scene: Scene) -> float:
 
 @CAPPED_STRIP.gives("area.elastic")
 def _elastic_fraction(scene: Scene) -> float:
-    """Return the elastic part of the contact as a fraction of the period.
+    """Return the elastic part of the strip's contact as a fraction of the period.
 
     A flat post presses hardest at its rims, so it flows there and stays elastic in the
-    middle.
+    middle.  Raises InvalidCase if the scene is no strip with a hardness.
     """
     return _strip_fraction(scene) - _plastic_fraction(scene)
 
 
 @CAPPED_STRIP.gives("quantity.stiffness_loading")
 def _stiffness_loading(scene: Scene) -> float:
-    """Return the stiffness in Pa/m under a growing load, without the plastic rims."""
+    """Return the strip's stiffness per nominal area in Pa/m under a growing load.
+
+    The plastic rims do not contribute.  Raises InvalidCase if the scene is no strip
+    with a hardness, or all of it flows.
+    """
     return _row_stiffness(_elastic_half_width(scene), scene)
 
 
 @CAPPED_STRIP.gives("quantity.stiffness_unloading")
 def _stiffness_unloading(scene: Scene) -> float:
-    """Return the stiffness under a falling load, for which all of the strip is
-    elastic.
+    """Return the strip's stiffness per nominal area in Pa/m under a falling load.
+
+    All of the strip is elastic then.  Raises InvalidCase if the scene has no flat post
+    on a half-space.
     """
     _, a = _post(scene, CAPPED_STRIP)
     return _row_stiffness(a, scene)
@@ -195,7 +238,10 @@ def _stiffness_unloading(scene: Scene) -> float:
 
 @CAPPED_STRIP.gives("quantity.conductance")
 def _strip_conductance(scene: Scene) -> float:
-    """Return conductance times the sum of the resistivities, 1/m; all of it
-    conducts.
+    """Return the conductance of the strip with a hardness, in 1/m.
+
+    It is the conductance per nominal area times the sum of the bodies' resistivities;
+    the plastic rims conduct, too.  Raises InvalidCase if the scene has no flat post on
+    a half-space.
     """
     return 2 * _stiffness_unloading(scene) / effective_modulus(scene.material)

@@ -32,9 +32,13 @@ _LIGHT = 0.15
 
 @BEARING_AREA.gives("area.total", "area.plastic")
 def _bearing_fraction(scene: Scene) -> float:
-    """Return A = p0/sigma_P, the limit in which elastic contact carries nothing.
+    """Return the contact area p0/sigma_P where all of the contact flows, as a fraction.
 
-    Source: Abbott and Firestone (1933).
+    It is the limit in which elastic contact carries nothing; p0 is the last mean
+    pressure and sigma_P the hardness.  Source: Abbott and Firestone (1933).
+
+    Raises:
+        InvalidCase: The scene has no finite hardness.
     """
     BEARING_AREA.require(math.isfinite(scene.material.hardness), "a finite hardness")
     return scene.load.final / scene.material.hardness
@@ -42,13 +46,24 @@ def _bearing_fraction(scene: Scene) -> float:
 
 @BEARING_AREA.gives("area.elastic")
 def _no_elastic_area(scene: Scene) -> float:
-    """Return 0 for a scene that the form describes."""
+    """Return the elastic area 0 of a contact that flows everywhere.
+
+    Raises:
+        InvalidCase: The scene has no finite hardness.
+    """
     return 0 * _bearing_fraction(scene)
 
 
 @BEARING_AREA.gives("quantity.mean_gap")
 def _bearing_gap(scene: Scene) -> float:
-    """Return the mean gap in m below the flat that cuts off the highest p0/sigma_P."""
+    """Return the mean gap in m of the surface under the flat that cuts off its top.
+
+    The flat cuts off the fraction p0/sigma_P (mean pressure over hardness) of the
+    heights.
+
+    Raises:
+        InvalidCase: The scene has no finite hardness.
+    """
     ordered = np.sort(scene.surface.heights, axis=None)[::-1]
     contact = _bearing_fraction(scene) * ordered.size
     flat = float(ordered[min(int(contact), ordered.size - 1)])
@@ -57,9 +72,9 @@ def _bearing_gap(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.rms_slope")
 def rms_slope(scene: Scene) -> float:
-    """Return the rms slope by spectral derivatives along each axis.
+    """Return the rms of the gradient of a scene's heights, dimensionless.
 
-    It is exact for band-limited heights.
+    Spectral derivatives along each axis make it exact for band-limited heights.
     """
     surface = scene.surface
     total = 0.0
@@ -74,8 +89,9 @@ def rms_slope(scene: Scene) -> float:
 
 @HEIGHTS.gives("quantity.diffusion")
 def _half_variance(scene: Scene) -> float:
-    """Return half the variance of the pressure in full contact, E*^2 xi^2/8, in
-    Pa^2.
+    """Return half the variance of the pressure in full contact, in Pa^2.
+
+    It is E*^2 xi^2/8, with the effective modulus E* and the rms slope xi.
     """
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
@@ -102,7 +118,12 @@ def light_load_area(
 
 @LIGHT_LOAD.gives("area.total")
 def _light_load(scene: Scene) -> float:
-    """Return the contact area of a rough surface at light load, as a fraction."""
+    """Return the contact area of a rough surface at light load, as a fraction.
+
+    Raises:
+        InvalidCase: The scene is no elastic half-space with a rough surface, or its
+            contact area is above 0.15.
+    """
     E = LIGHT_LOAD.elastic_half_space(scene)
     slope = rms_slope(scene)
     LIGHT_LOAD.require(scene.surface.heights.ndim == 2 and slope > 0, "a rough surface")

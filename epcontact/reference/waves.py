@@ -40,16 +40,26 @@ def line_complete_pressure(
 
 
 def line_contact_fraction(load: float) -> float:
-    """Return 2 a/lambda = (2/pi) arcsin(sqrt(s)) at the load s = mean pressure / p*."""
+    """Return 2 a/lambda = (2/pi) arcsin(sqrt(s)), the contact area of a sinusoid.
+
+    It is a fraction of the nominal area; a is the half-width of a contact.
+
+    Args:
+        load: s, the mean pressure over the pressure p* of complete contact, from 0 to
+            1.
+    """
     return 2 / math.pi * math.asin(math.sqrt(load))
 
 
 def line_pressure(position: FloatArray, load: float) -> FloatArray:
-    """Return p/p* = 2 cos(psi) sqrt(s - sin^2 psi) in contact, 0 elsewhere.
+    """Return the pressure under a sinusoid over the pressure p* of complete contact.
+
+    It is p/p* = 2 cos(psi) sqrt(s - sin^2 psi) with psi = pi x/lambda in contact, and 0
+    elsewhere.
 
     Args:
         position: x/lambda from a crest, of any shape.
-        load: s.
+        load: s, the mean pressure over p*, from 0 to 1.
     """
     angle = np.pi * (np.asarray(position) - np.rint(position))
     depth = np.maximum(load - np.sin(angle) ** 2, 0)
@@ -57,15 +67,16 @@ def line_pressure(position: FloatArray, load: float) -> FloatArray:
 
 
 def line_gap(position: FloatArray, load: float) -> FloatArray:
-    """Return the gap over the amplitude, which is 0 in contact:
+    """Return the gap of a sinusoid over its amplitude, which is 0 in contact:
 
-        g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))],   S = |sin psi|
+        g/h = 2 [S sqrt(S^2 - s) - s arccosh(S/sqrt(s))],   S = |sin(pi x/lambda)|
 
     Its slope continues the pressure analytically.
 
     Args:
         position: x/lambda from a crest, of any shape.
-        load: s.
+        load: s, the mean pressure over the pressure p* of complete contact, from 0 to
+            1.
     """
     sine = np.abs(np.sin(np.pi * (np.asarray(position) - np.rint(position))))
     if load == 0:
@@ -75,20 +86,32 @@ def line_gap(position: FloatArray, load: float) -> FloatArray:
 
 
 def line_mean_gap(load: float) -> float:
-    """Return mean gap / h = 1 - s + s ln s at the load s."""
+    """Return the mean gap of a sinusoid over its amplitude, 1 - s + s ln s.
+
+    Args:
+        load: s, the mean pressure over the pressure p* of complete contact, from 0 to
+            1.
+    """
     return 1 - load + load * _log(load)
 
 
 def line_energy(load: float) -> float:
-    """Return the elastic energy per nominal area over h p*, s^2 (1/4 - ln(s)/2).
+    """Return the elastic energy of a sinusoid per nominal area over h p*.
 
-    It is the work of the load s.
+    It is s^2 (1/4 - ln(s)/2), the work of the load s, with the amplitude h.
+
+    Args:
+        load: s, the mean pressure over the pressure p* of complete contact, from 0 to
+            1.
     """
     return load**2 / 4 - load**2 * _log(load) / 2
 
 
 def _log(load: float) -> float:
-    """Return ln s, or 0 at s = 0, where every product with a power of s vanishes."""
+    """Return ln s, or 0 at s = 0, where every product with a power of s vanishes.
+
+    `load` is s, the mean pressure over the pressure of complete contact.
+    """
     return math.log(load) if load else 0.0
 
 
@@ -98,9 +121,10 @@ def _log(load: float) -> float:
 def surface_complete_pressure(
     amplitude: float, wavelength: float, effective_modulus: float
 ) -> float:
-    """Return p* = sqrt(2) pi E* h / lambda in Pa of a product of two waves.
+    """Return the mean pressure that leaves no gap in a product of two waves, in Pa.
 
-    The heights are h (1 + cos(2 pi x/lambda) cos(2 pi y/lambda)).
+    It is p* = sqrt(2) pi E* h / lambda for the heights h (1 + cos(2 pi x/lambda) cos(2
+    pi y/lambda)).
 
     Args:
         amplitude: h in m.
@@ -111,18 +135,25 @@ def surface_complete_pressure(
 
 
 def surface_contact_fraction_light(load: float) -> float:
-    """Return the contact fraction pi (3 s/(8 pi))^(2/3) in the limit s -> 0.
+    """Return the contact area of a product of two waves in the limit s -> 0.
 
-    It is that of Hertz on two crests per period.
+    It is the fraction pi (3 s/(8 pi))^(2/3), that of Hertz on two crests per period.
+
+    Args:
+        load: s, the mean pressure over the pressure p* of complete contact.
     """
     return math.pi * float((3 * load / (8 * math.pi)) ** (2 / 3))
 
 
 def surface_contact_fraction_heavy(load: float) -> float:
-    """Return the contact fraction 1 - (3/(2 pi)) (1 - s) in the limit s -> 1.
+    """Return the contact area of a product of two waves in the limit s -> 1.
 
-    The two gaps per period are penny-shaped cracks without stress intensity, with the
-    radius b of b^2 = 3 (1 - s) lambda^2/(4 pi^2).
+    It is the fraction 1 - (3/(2 pi)) (1 - s).  The two gaps per period are penny-shaped
+    cracks without stress intensity, with the radius b of b^2 = 3 (1 - s) lambda^2/(4
+    pi^2).
+
+    Args:
+        load: s, the mean pressure over the pressure p* of complete contact.
     """
     return 1 - 3 / (2 * math.pi) * (1 - load)
 
@@ -157,7 +188,12 @@ class _Wave:
 
     @classmethod
     def of(cls, scene: Scene) -> _Wave:
-        """Measure the wave; raise InvalidCase if the heights are no wave along x."""
+        """Return the wave that is measured on the heights of a scene.
+
+        Raises:
+            InvalidCase: The scene is no elastic half-space, or the heights are no
+                sinusoid along x.
+        """
         E = WESTERGAARD.elastic_half_space(scene)
         heights = scene.surface.heights
         profile = heights if heights.ndim == 1 else heights[:, 0]
@@ -174,7 +210,12 @@ class _Wave:
 
     @classmethod
     def in_partial_contact(cls, scene: Scene) -> _Wave:
-        """Measure the wave; raise InvalidCase also if the load closes every gap."""
+        """Return the wave that is measured on the heights of a partial contact.
+
+        Raises:
+            InvalidCase: The scene is no elastic half-space, the heights are no sinusoid
+                along x, or the load closes every gap.
+        """
         wave = cls.of(scene)
         WESTERGAARD.require(wave.load < 1, "partial contact")
         return wave
@@ -182,13 +223,19 @@ class _Wave:
 
 @WESTERGAARD.gives("area.total")
 def _wave_fraction(scene: Scene) -> float:
-    """Return the contact area as a fraction of the nominal area."""
+    """Return the contact area of a sinusoid as a fraction of the nominal area.
+
+    Raises InvalidCase if the scene is no sinusoid on an elastic half-space.
+    """
     return line_contact_fraction(min(1.0, _Wave.of(scene).load))
 
 
 @WESTERGAARD.gives("quantity.mean_gap")
 def _wave_mean_gap(scene: Scene) -> float:
-    """Return the mean gap in m, which is 0 from the load p* on."""
+    """Return the mean gap of a sinusoid in m, which is 0 once the contact is complete.
+
+    Raises InvalidCase if the scene is no sinusoid on an elastic half-space.
+    """
     wave = _Wave.of(scene)
     if wave.load >= 1:
         return 0.0
@@ -197,21 +244,30 @@ def _wave_mean_gap(scene: Scene) -> float:
 
 @WESTERGAARD.gives("quantity.elastic_energy")
 def _wave_energy(scene: Scene) -> float:
-    """Return the elastic energy in J per m^2 of nominal area."""
+    """Return the elastic energy of a sinusoid in J per m^2 of nominal area.
+
+    Raises InvalidCase if the scene is no sinusoid, or if the load closes every gap.
+    """
     wave = _Wave.in_partial_contact(scene)
     return wave.amplitude * wave.complete * line_energy(wave.load)
 
 
 @WESTERGAARD.gives("quantity.largest_pressure")
 def _wave_peak(scene: Scene) -> float:
-    """Return the pressure on the crest in Pa."""
+    """Return the pressure on the crest of a sinusoid in Pa.
+
+    Raises InvalidCase if the scene is no sinusoid, or if the load closes every gap.
+    """
     wave = _Wave.in_partial_contact(scene)
     return 2 * wave.complete * math.sqrt(wave.load)
 
 
 @WESTERGAARD.gives("field.pressure")
 def _wave_pressure(scene: Scene) -> FloatArray:
-    """Return the pressure in Pa at each grid point."""
+    """Return the pressure of a sinusoid in Pa at each grid point of the scene.
+
+    Raises InvalidCase if the scene is no sinusoid, or if the load closes every gap.
+    """
     wave = _Wave.in_partial_contact(scene)
     profile = wave.complete * line_pressure(wave.position, wave.load)
     return np.broadcast_to(profile, scene.surface.shape[::-1]).T
@@ -219,9 +275,9 @@ def _wave_pressure(scene: Scene) -> FloatArray:
 
 @WESTERGAARD.gives("field.gap")
 def _wave_gap(scene: Scene) -> FloatArray:
-    """Return the gap at the last load in m, shaped as the surface.
+    """Return the gap of a sinusoid in m at each grid point, at the last load.
 
-    Raises InvalidCase if the scene is no wave, or if the load closes every gap.
+    Raises InvalidCase if the scene is no sinusoid, or if the load closes every gap.
     """
     wave = _Wave.in_partial_contact(scene)
     profile = wave.amplitude * line_gap(wave.position, wave.load)
@@ -230,11 +286,14 @@ def _wave_gap(scene: Scene) -> FloatArray:
 
 @WESTERGAARD.gives("distribution")
 def _wave_distribution(scene: Scene) -> PressureDistribution:
-    """Return the distribution of the pressure, tabulated in equal steps.
+    """Return the distribution of a sinusoid's pressure, tabulated in equal steps.
 
     The pressure falls from crest to rim, so that the area below sigma lies between the
     place of sigma and the rim.  This place solves (p/p*)^2 = 4 (1 - y)(s - y), y =
-    sin^2 psi, and the root is taken without cancellation.
+    sin^2 psi with psi = pi x/lambda, and the root is taken without cancellation.
+
+    Raises:
+        InvalidCase: The scene is no sinusoid, or the load closes every gap.
     """
     wave = _Wave.in_partial_contact(scene)
     load = wave.load
@@ -248,7 +307,17 @@ def _wave_distribution(scene: Scene) -> PressureDistribution:
 
 
 def _product_load(scene: Scene, form: ClosedForm) -> float:
-    """Return s of the heights h (1 + cos cos) on a square period; raise InvalidCase."""
+    """Return the load s = mean pressure / p* of a product of two waves.
+
+    p* is the mean pressure that leaves no gap.
+
+    Args:
+        scene: With the heights h (1 + cos cos) on a square period.
+        form: The closed form that an error names.
+
+    Raises:
+        InvalidCase: The scene is no elastic half-space with such heights.
+    """
     E = form.elastic_half_space(scene)
     surface = scene.surface
     words = "the product of two waves on a square period"
@@ -269,7 +338,11 @@ def _product_load(scene: Scene, form: ClosedForm) -> float:
 
 @WAVINESS_LIGHT.gives("area.total")
 def _light_fraction(scene: Scene) -> float:
-    """Return the contact area at a light load as a fraction of the nominal area."""
+    """Return the contact area of two waves' product at a light load, as a fraction.
+
+    Raises InvalidCase if the scene is no product of two waves, or if its load is above
+    1 % of that of complete contact.
+    """
     load = _product_load(scene, WAVINESS_LIGHT)
     WAVINESS_LIGHT.require(load <= 1e-2, "a load of at most p*/100")
     return surface_contact_fraction_light(load)
@@ -277,7 +350,11 @@ def _light_fraction(scene: Scene) -> float:
 
 @WAVINESS_HEAVY.gives("area.total")
 def _heavy_fraction(scene: Scene) -> float:
-    """Return the contact area near full contact as a fraction of the nominal area."""
+    """Return the contact area of two waves' product near full contact, as a fraction.
+
+    Raises InvalidCase if the scene is no product of two waves, or if its load is
+    outside of 90 to 100 % of that of complete contact.
+    """
     load = _product_load(scene, WAVINESS_HEAVY)
     WAVINESS_HEAVY.require(0.9 <= load < 1, "a load between 0.9 p* and p*")
     return surface_contact_fraction_heavy(load)
