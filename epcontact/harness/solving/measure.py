@@ -56,12 +56,12 @@ class Measurement:
 
     @property
     def key(self) -> str:
-        """The name of the quantity in the quantities of a load step."""
+        """The name of this quantity in `LoadStep.quantities`: without "quantity."."""
         return self.name.removeprefix("quantity.")
 
 
 def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
-    """Yield what is measured at each load of a task.
+    """Yield what is measured at each load of a task on its scene.
 
     The fractions on filled heights are measured for a surface that has such heights,
     whatever the task lists, because a note depends on them.
@@ -80,14 +80,20 @@ def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
 
 
 def at_the_end(task: Task) -> Iterator[Measurement]:
-    """Yield what is measured at the last load of a task, if it is not yet known."""
+    """Yield what is measured at the last load of a task.
+
+    What was measured at each load already is among it.  A quantity that a gate reads
+    must be defined; one that only a sweep asks for may be NaN.
+    """
     for name in task.measured:
         asked_by_sweep = name in task.extra_quantities
         yield Measurement(name, "NaN and a note" if asked_by_sweep else "fail")
 
 
 def _is_check(name: str) -> bool:
-    """Return whether a quantity compares the parts of a result with each other."""
+    """Return whether a quantity, by its name in gates, compares the parts of a result
+    with each other; these are the quantities "quantity.measured_...".
+    """
     return ".measured_" in name
 
 
@@ -150,7 +156,11 @@ def measure_end(task: Task, scene: Scene, result: ContactResult) -> ContactResul
 
 
 def _largest(result: ContactResult, key: str) -> float:
-    """Return the largest value of a quantity over all load steps; NaN if any is NaN."""
+    """Return the largest value of a quantity over all load steps; NaN if any is NaN.
+
+    `key` is the name of the quantity in `LoadStep.quantities`.  Raises KeyError if a
+    load step does not have it.
+    """
     values = [step.quantities[key] for step in result.steps]
     if any(math.isnan(value) for value in values):
         return math.nan

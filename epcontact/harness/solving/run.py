@@ -65,7 +65,10 @@ class TimeUp(EpcontactError):
 
 @dataclass(frozen=True)
 class FinishedTask:
-    """A task with its outcome; `reused`: the result of an earlier run was saved."""
+    """A task with its outcome: its result, or the sentence that says why it failed.
+
+    `reused` says that an earlier run had saved the result.
+    """
 
     task: Task
     outcome: Outcome
@@ -82,6 +85,11 @@ def solve_cases(
 
     The results of each method are also written to `<method>.json` in the folder of the
     case.  Skipped cases, which have no tasks, come last.
+
+    Args:
+        cases: the cases, with different ids.
+        run: how they are solved, and the output folder.
+        methods: all methods by their names; the options of `--solver` add one.
 
     Raises:
         InvalidCase: if two cases have one id, or there is no executor of that name.
@@ -108,12 +116,18 @@ def solve_cases(
 def run_cases(
     cases: Sequence[Case], run: Run, methods: Mapping[str, Method] = METHODS
 ) -> dict[str, dict[str, MethodResults]]:
-    """Return the results of each method for each case, by the ids of the cases."""
+    """Solve cases; return the results of each method by its name, by the case's id.
+
+    The arguments and the errors are those of `solve_cases`.
+    """
     results = {case.id: of_case for case, of_case in solve_cases(cases, run, methods)}
     return {case.id: results[case.id] for case in cases}
 
 
 def _require_different_ids(cases: Sequence[Case]) -> None:
+    """Raise InvalidCase if two different cases have one id, because the results of both
+    would be in one folder.
+    """
     by_id: dict[str, Case] = {}
     for case in cases:
         other = by_id.setdefault(case.id, case)
@@ -128,11 +142,24 @@ def _require_different_ids(cases: Sequence[Case]) -> None:
 def collect_results(
     case: Case, finished: Sequence[FinishedTask], output: Path
 ) -> dict[str, MethodResults]:
-    """Return the results of each method of a case; write `<method>.json` for each."""
+    """Return the results of each method of a case, by the method's name.
+
+    A file `<method>.json` with the results is written for each method that has any.
+
+    Args:
+        case: the case.
+        finished: its tasks with their outcomes.
+        output: the output folder of the run.
+
+    Raises:
+        OutputError: if a file cannot be written.
+    """
     collected = {}
     for name in case.methods:
         of_method = [done for done in finished if done.task.method.name == name]
-        results, labels, errors = [], [], []
+        results = []
+        labels = []
+        errors = []
         for done in of_method:
             if isinstance(done.outcome, ContactResult):
                 results.append(done.outcome)
@@ -157,7 +184,11 @@ def solve_tasks(tasks: Sequence[Task], run: Run) -> Generator[FinishedTask]:
     first.
 
     Each new result is saved before it is yielded.  Nothing is solved, and nothing is
-    written, before the first one is asked for.
+    written, before the first task is requested from the iterator.
+
+    Args:
+        tasks: the tasks, of any cases.
+        run: how they are solved, and the output folder.
 
     Raises:
         InvalidCase: at once, if the executor cannot be created.
@@ -177,6 +208,7 @@ def solve_tasks(tasks: Sequence[Task], run: Run) -> Generator[FinishedTask]:
 
 
 def _folders(tasks: Sequence[Task], run: Run) -> set[Path]:
+    """Return the folders for the results of the tasks' cases."""
     return {task.case.folder(run.folder) for task in tasks}
 
 
@@ -187,8 +219,18 @@ def _finish_tasks(
     executor: Executor | None,
     run: Run,
 ) -> Generator[FinishedTask]:
-    """Yield all tasks with their outcomes, and report the progress; see
-    `solve_tasks`.
+    """Yield all tasks with their outcomes, and report the progress; see `solve_tasks`.
+
+    Args:
+        tasks: all tasks.
+        saved: those with a saved result, and this result.
+        unsolved: the others.
+        executor: solves these, and is shut down at the end; None: this machine solves.
+        run: how they are solved; its function `progress` is called.
+
+    Raises:
+        OutputError: if a result cannot be written.
+        EpcontactError: if the executor fails.
     """
     done = 0
     for task, result in saved.items():
@@ -198,6 +240,7 @@ def _finish_tasks(
     run.progress(done, len(tasks), "")
 
     def on_progress(fraction: float, _: str) -> None:
+        """Report the progress inside of a task, of which this fraction is solved."""
         run.progress(done + fraction, len(tasks), "")
 
     if executor is not None:
@@ -223,7 +266,12 @@ def _finish_tasks(
 def _solve_here(
     run: Run, tasks: Sequence[Task], on_progress: OnProgress
 ) -> Generator[tuple[Task, Outcome]]:
-    """Yield tasks with their outcomes, solved in this process or in several ones."""
+    """Yield tasks with their outcomes, solved on this machine.
+
+    A single job solves in this process and reports the progress inside of a task to
+    `on_progress`.  Several jobs solve in processes of their own, and then tasks come in
+    the order in which they finish.
+    """
     jobs = run.jobs_for(tasks)
     threads = max(1, available_cores() // jobs)
     if jobs == 1:
@@ -238,7 +286,14 @@ def solve_task(
 ) -> Outcome:
     """Solve one task, and write the files of fields that it asks for.
 
-    Whatever goes wrong becomes a sentence, so that other tasks are solved and judged.
+    Args:
+        task: the task.
+        threads: the number of threads that the method may use.
+        on_progress: called with the solved fraction of the task and a sentence.
+
+    Returns:
+        The result without its fields; or, after any error, the sentence that says what
+        went wrong, so that other tasks are still solved and judged.
     """
     try:
         with _time_limit(task.case.head.time_limit):
@@ -256,10 +311,10 @@ def solve_task(
 
 @contextlib.contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
-    """Raise TimeUp in the block after so many seconds, without those of compiling.
+    """Raise TimeUp in the `with` block after a number of seconds.
 
-    The alarm of the system makes it possible, in the main thread and not on Windows; in
-    other places there is no limit.
+    The time in which kernels are compiled does not count.  The limit uses the alarm of
+    the system, so that there is no limit on Windows, and none outside the main thread.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()
     if not in_main_thread or not hasattr(signal, "SIGALRM"):
@@ -268,6 +323,7 @@ def _time_limit(seconds: float) -> Iterator[None]:
     compiled = compile_seconds()
 
     def on_alarm(*_: object) -> None:
+        """Raise TimeUp, or set the alarm again to make up for time of compiling."""
         nonlocal compiled
         spent_on_compiling = compile_seconds() - compiled
         if spent_on_compiling > 0 or compiling():
@@ -293,7 +349,19 @@ def _solve_by_executor(
 ) -> Generator[tuple[Task, Outcome]]:
     """Yield tasks with their outcomes, solved by the workers of an executor.
 
-    Tasks that do not fit into the memory of a worker are not sent.
+    A task whose estimated memory exceeds that of a worker is not sent; its outcome is a
+    sentence.
+
+    Args:
+        executor: may have `worker_memory`, the memory of its largest worker in bytes.
+            It is shut down at the end.
+        run: how the tasks are solved, and the output folder.
+        tasks: the tasks.
+
+    Raises:
+        InvalidCase: if `worker_memory` is no number.
+        OutputError: if the folder of a case cannot be created.
+        EpcontactError: if the executor takes no task or does not end.
     """
     memory = getattr(executor, "worker_memory", math.inf)
     if not isinstance(memory, Real):
@@ -331,13 +399,12 @@ def _solve_by_executor(
 
 
 def _with_absolute_paths(task: Task) -> Task:
-    """Return the task with paths that hold in the folder of a worker, too."""
-    fields, steps = task.fields_file, task.steps_folder
-    return replace(
-        task,
-        fields_file=fields and fields.absolute(),
-        steps_folder=steps and steps.absolute(),
-    )
+    """Return the task with absolute paths: a worker has another current folder."""
+    if task.fields_file is not None:
+        task = replace(task, fields_file=task.fields_file.absolute())
+    if task.steps_folder is not None:
+        task = replace(task, steps_folder=task.steps_folder.absolute())
+    return task
 
 
 def solve_on_worker(task: Task, versions: Mapping[str, str], jobs: int) -> Outcome:
@@ -347,6 +414,10 @@ def solve_on_worker(task: Task, versions: Mapping[str, str], jobs: int) -> Outco
         task: the task, with absolute paths.
         versions: the software versions of the sender, which the worker needs as well.
         jobs: how many solves share the cores of the worker.
+
+    Returns:
+        The result; or the sentence that says why there is none, such as that the worker
+        has other versions, or does not have the folder for the fields.
     """
     host = platform.node()
     mine = software_versions()
@@ -362,9 +433,13 @@ def solve_on_worker(task: Task, versions: Mapping[str, str], jobs: int) -> Outco
             f"the worker on {host} does not see the folder {task.fields_file.parent}; "
             "to write fields, workers need the output folder of the sender"
         )
-    cores = os.environ.get("OMP_NUM_THREADS", "")  # schedulers give fewer cores by it
-    usable = int(cores) if cores.isdecimal() and int(cores) else available_cores()
+    # Schedulers of clusters set this variable to the cores that a worker may use.
+    cores = os.environ.get("OMP_NUM_THREADS", "")
+    usable = available_cores()
+    if cores.isdecimal() and int(cores) > 0:
+        usable = int(cores)
     threads = max(1, usable // jobs)
     if threading.current_thread() is threading.main_thread():
         return solve_task(task, threads)
-    return call_in_process(solve_task, task, threads)  # only a process keeps the limit
+    # The time limit of a case works in the main thread only: that of a process.
+    return call_in_process(solve_task, task, threads)

@@ -35,7 +35,7 @@ _CHOICES = {
 
 
 def _no_progress(done: float, total: int, name: str) -> None:
-    """Report nothing."""
+    """Do nothing: the default of `Run.progress`, see `Progress`."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,9 @@ class Run:
     progress: Progress = _no_progress
 
     def __post_init__(self) -> None:
+        """Raise InvalidCase if `jobs` is no positive integer, or if `fields` or
+        `precision` is none of the allowed words.
+        """
         if self.jobs is not None:
             integer("jobs", self.jobs, 1)
         for name, choices in _CHOICES.items():
@@ -87,9 +90,11 @@ class Run:
         return Path(self.output)
 
     def jobs_for(self, tasks: Sequence[Task]) -> int:
-        """Return how many of the tasks are solved at the same time.
+        """Return how many of the tasks are solved at the same time, at least 1.
 
-        On this machine these are at most as many as fit into the available memory.
+        The number follows from `jobs` of this run.  On this machine it is at most the
+        number of tasks whose estimated memory fits into the available memory.  With an
+        executor it is the number of solves that share the cores of one worker.
         """
         if self.executor:
             return self.jobs or 1
@@ -134,19 +139,26 @@ class Task:
 
     @property
     def name(self) -> str:
-        """The case, the method and the surface, as progress reports them."""
+        """The case, the method and the surface of this task in words, such as
+        "two-spheres bem single", as the progress reports them.
+        """
         surface = self.description or self.label
         return f"{self.case.id} {self.method.name} {surface}"
 
     @property
     def recipe(self) -> Recipe:
-        """The recipe of the surface."""
+        """The recipe from which the surface of this task is made."""
         return self.case.recipes[self.surface_index]
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The names of the quantities that the harness measures at the last load,
-        sorted: those that gates read, with their error estimates, and the extra ones.
+        """The sorted names of the quantities that the harness measures at the last load
+        of this task.
+
+        These are the quantities that gates read of its method, with their error
+        estimates, and the `extra_quantities`.  Quantities that the method reports
+        itself are left out.  A name "l2.FORM.FIELD" is the distance of a field from a
+        closed form.
         """
         names = {name for name in self.extra_quantities if QUANTITIES[name].measure}
         for gate in self.case.gates:
@@ -167,8 +179,9 @@ class Task:
         return bytes_of_task(self.method.memory, self.recipe, scene, options)
 
     def fields_path(self, output: Path) -> Path:
-        """Return the path of a file for its fields, whether it is written or not:
-        `<method>[-<surface>].vti` in the folder of the case.
+        """Return the path of the .vti file for the fields of this task, whether the
+        file is written or not: `<method>[-<surface>].vti` in the folder of the case
+        below the output folder.
         """
         name = self.method.name
         if self.label != "single":
@@ -176,12 +189,16 @@ class Task:
         return self.case.folder(output) / f"{name}.vti"
 
     def steps_path(self, output: Path) -> Path:
-        """Return the path of a folder for the files of every load."""
+        """Return the path of the folder for the files of each load of this task, below
+        the output folder, whether they are written or not.
+        """
         fields = self.fields_path(output)
         return fields.with_name(f"{fields.stem}-steps")
 
     def result_path(self, output: Path) -> Path:
-        """Return the path of the file for its result."""
+        """Return the path of the JSON file for the result of this task, below the
+        output folder.
+        """
         name = f"{self.method.name}-{self.label}.json"
         return self.case.folder(output) / "members" / name
 
@@ -193,6 +210,11 @@ def tasks_of(
 
     The theory of an analytic spectrum has one task, as all surfaces are drawn from this
     spectrum.
+
+    Args:
+        case: the case; a skipped one has no surfaces and no tasks.
+        run: says which files are written and what is measured.
+        methods: all methods by their names.
     """
     for name in case.methods:
         method = methods[name]
@@ -214,7 +236,11 @@ def tasks_of(
 
 
 def _with_files(task: Task, run: Run) -> Task:
-    """Return the task with the files that the run asks for."""
+    """Return the task with the paths of the files of fields that the run asks for.
+
+    The task is returned unchanged if the run asks for none of this surface, or if the
+    method has no fields.
+    """
     of_first_alone = run.fields in ("first", "steps")
     if run.fields == "none" or not task.method.has_fields:
         return task

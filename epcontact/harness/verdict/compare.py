@@ -77,15 +77,24 @@ class Comparison:
 
 
 def read_values(path: Path) -> pd.DataFrame:
-    """Return a table with a row for each gate, for each value of a method that is only
-    a reference, and for each count of work.
+    """Read the values of a verification run as a table.
+
+    The table has a row for each gate, for each value of a method that is only a
+    reference, and for each count of work.
 
     Args:
-        path: a verdict.json, the folder that holds it, or a table of `save_values`.
+        path: a verdict.json, the folder that contains it, or a table (.csv) that
+            `save_values` wrote.
+
+    Returns:
+        The columns case, size, name (of the gate or count), scene (the beginning of the
+        digest of the scenes), value and reference (means in the unit of the quantity),
+        error (the error estimate of the value), low and high (the band), and status
+        ("" if the gate holds).
 
     Raises:
-        OutputError: if it is no verdict.
-        InvalidCase: if it is no such table.
+        OutputError: if there is no such verdict.json, or if it was changed.
+        InvalidCase: if a .csv file is no such table.
     """
     if path.suffix != ".csv":
         file = path / "verdict.json" if path.is_dir() else path
@@ -95,10 +104,8 @@ def read_values(path: Path) -> pd.DataFrame:
     texts = dict.fromkeys((*KEYS, "scene", "status"), str)
     try:
         values = pd.read_csv(path, dtype=texts)
-        repeated = [
-            *_CASE,
-            "scene",
-        ]  # they are empty where they are as in the row above
+        # These columns are empty where they repeat the row above.
+        repeated = [*_CASE, "scene"]
         values[repeated] = values[repeated].ffill()
         return values[_COLUMNS].fillna({"scene": "", "status": ""})
     except (OSError, ValueError, KeyError):
@@ -108,7 +115,10 @@ def read_values(path: Path) -> pd.DataFrame:
 
 
 def _rows(case: CaseVerdict) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a case."""
+    """Yield the rows of `read_values` for one case, as dictionaries by column.
+
+    They are in the order of the gates; counts of work and seconds follow.
+    """
     rows: dict[str, dict[str, Any]] = {}
     for gate in case.gates:
         rows[gate.name] = _gate_row(gate)
@@ -128,6 +138,9 @@ def _rows(case: CaseVerdict) -> Iterator[dict[str, Any]]:
 
 
 def _gate_row(gate: GateVerdict) -> dict[str, Any]:
+    """Return the columns of a gate: its band, and what is known of value, error,
+    reference and, unless it holds, status.
+    """
     row: dict[str, Any] = {"low": gate.low, "high": gate.high}
     if not gate.holds:
         row["status"] = gate.status
@@ -140,9 +153,17 @@ def _gate_row(gate: GateVerdict) -> dict[str, Any]:
 
 
 def save_values(values: pd.DataFrame, path: Path) -> None:
-    """Write a table of `read_values`, without seconds.
+    """Write a table of values to a .csv file, without the seconds of solves.
 
-    What the file already has of other cases and sizes stays.  Raises OutputError.
+    Rows of other cases and sizes that the file has already are not changed.
+
+    Args:
+        values: a table of `read_values`.
+        path: the file.
+
+    Raises:
+        OutputError: if the file cannot be written.
+        InvalidCase: if it exists and is no such table.
     """
     if path.is_file():
         before = read_values(path)
@@ -162,9 +183,16 @@ def save_values(values: pd.DataFrame, path: Path) -> None:
 
 
 def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
-    """Compare two tables of `read_values`.
+    """Return what changed between two verification runs.
 
-    Raises InvalidCase if they have no case of one size in common.
+    Values are compared only for cases that both runs solved on the same scenes.
+
+    Args:
+        old: the values of the earlier run, a table of `read_values`.
+        new: those of the later run.
+
+    Raises:
+        InvalidCase: if no case was run at the same size in both.
     """
     scenes = _scenes_in_common(old, new)
     known = (scenes != "").all(axis=1)
@@ -206,12 +234,25 @@ def compare(old: pd.DataFrame, new: pd.DataFrame) -> Comparison:
 
 
 def _scenes(values: pd.DataFrame) -> pd.Series[str]:
-    """Return the digest of the scenes of each case and size."""
+    """Return the digest of the scenes of each case, with case and size as the index.
+
+    `values` is a table of `read_values`.
+    """
     return values.groupby(_CASE)["scene"].first()
 
 
 def _scenes_in_common(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
-    """Return the digests of the scenes, old and new, of each case that both have."""
+    """Return the digests of the scenes of each case that two tables have in common.
+
+    Args:
+        old, new: tables of `read_values`.
+
+    Returns:
+        A table with the columns old and new, and case and size as its index.
+
+    Raises:
+        InvalidCase: if there is no such case.
+    """
     scenes = [_scenes(old), _scenes(new)]
     common = pd.concat(scenes, axis=1, join="inner", keys=["old", "new"])
     if common.empty:
@@ -230,8 +271,12 @@ def _scenes_in_common(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
 def _cases_alone(
     values: pd.DataFrame, others: pd.DataFrame, new: pd.DataFrame
 ) -> list[str]:
-    """Return the cases that a table has and another one has not, of sizes that were
-    run.
+    """Return the cases that only one of two tables has, as "case size".
+
+    Args:
+        values: the table whose cases are listed.
+        others: the table that must not have them.
+        new: the later run; cases of sizes that it did not run are not listed.
     """
     alone = _scenes(values).index.difference(_scenes(others).index)
     sizes = {*new["size"]}
@@ -239,6 +284,7 @@ def _cases_alone(
 
 
 def _names(rows: pd.DataFrame) -> list[str]:
+    """Return the name of each row of a table of values, as "case size: name"."""
     return [
         f"{case} {size}: {name}"
         for case, size, name in rows[KEYS].itertuples(index=False)
@@ -246,8 +292,19 @@ def _names(rows: pd.DataFrame) -> list[str]:
 
 
 def _moves(values: pd.DataFrame) -> pd.DataFrame:
-    """Return the values that changed, each once, with the allowed change as `error` and
-    `moved`, the change in units of it.
+    """Return the values that changed, the largest change first, each value once.
+
+    The allowed change of a value is the larger of its two error estimates; the module
+    says what it is without an error estimate.  Changes below `SMALLEST_CHANGE` of the
+    allowed change are left out.
+
+    Args:
+        values: rows that two runs have in common, with the columns of both runs ending
+            in _old and _new.
+
+    Returns:
+        The rows, with the columns `error` (the allowed change, in the unit of the
+        value) and `moved` (the change over the allowed change).
     """
     old = values["value_old"].to_numpy(float)
     new = values["value_new"].to_numpy(float)

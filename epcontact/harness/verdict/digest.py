@@ -11,14 +11,18 @@ from pydantic_core import to_json
 
 
 def digest_of(verdict: Mapping[str, Any], folder: Path) -> str:
-    """Return the SHA-256 of a verdict, followed by that of its results in the folder.
+    """Return the SHA-256 of a verdict, followed by that of the results beside it.
 
     Args:
-        verdict: the content of verdict.json; its own digest does not count.
-        folder: the output folder.  Without any `<method>.json` there, the digest is
-            that of the verdict alone.
+        verdict: the content of verdict.json; its key `digest` does not count.
+        folder: the folder that contains verdict.json, and the results of each method as
+            `<case>/<size>/<method>.json`.
+
+    Returns:
+        128 hexadecimal digits; only the first 64, those of the verdict, if the folder
+        has none of the results.
     """
-    content = {key: part for key, part in verdict.items() if key != "digest"}
+    content = {key: value for key, value in verdict.items() if key != "digest"}
     of_verdict = hashlib.sha256(to_json(content)).hexdigest()
     digests = b""
     for case in verdict["cases"]:

@@ -28,10 +28,10 @@ _FILES = ("verdict.json", "junit.xml", "report.html")
 
 
 def delete_verdict(folder: Path) -> None:
-    """Delete the verdict, the JUnit file and the report of a folder, if they exist.
+    """Delete verdict.json, junit.xml and report.html in a folder, if they exist.
 
-    An interrupted run leaves none behind: a reader would take that of an earlier run
-    for its own.  Raises OutputError if a file cannot be deleted.
+    A run deletes them at its start.  If it is interrupted, nobody takes the verdict of
+    an earlier run for its own.  Raises OutputError if a file cannot be deleted.
     """
     for name in _FILES:
         path = folder / name
@@ -43,9 +43,10 @@ def delete_verdict(folder: Path) -> None:
 
 
 def write_verdict(verdict: Verdict, folder: Path) -> None:
-    """Write verdict.json and junit.xml into a folder, each whole or not at all.
+    """Write verdict.json and junit.xml into a folder, each completely or not at all.
 
-    Raises OutputError.
+    The verdict is written with the digest of itself and of the results in the folder.
+    Raises OutputError if a file cannot be written.
     """
     digest = {"digest": digest_of(verdict.content, folder)}
     write_json(folder / "verdict.json", verdict.content | digest)
@@ -61,7 +62,11 @@ def write_verdict(verdict: Verdict, folder: Path) -> None:
 
 
 def _suite(case: CaseVerdict) -> TestSuite:
-    """Return the test suite of a case: a test for each gate and each other error."""
+    """Return a case as a test suite of junit.xml.
+
+    It has a test for each gate, and a failed test for each error of a method that no
+    gate reads.  A skipped case has a single, skipped test.
+    """
     suite = TestSuite(case.id)
     if case.status == SKIPPED:
         skipped = TestCase(printable(case.requirement), classname=case.id, time=0.0)
@@ -78,10 +83,15 @@ def _suite(case: CaseVerdict) -> TestSuite:
 
 
 def _test_of(gate: GateVerdict, case_id: str, seconds: float) -> TestCase:
-    """Return the test of a gate, with the kind of its reference and what it verifies.
+    """Return a judged gate as a test of junit.xml.
 
-    XML has no word for most control characters: names and messages show them as
-    escapes.
+    The kind of the gate's reference and what it verifies are properties of the test.
+    XML cannot contain most control characters: they are written as escapes.
+
+    Args:
+        gate: the verdict on the gate.
+        case_id: the id of its case, which is the class name of the test.
+        seconds: the time of the test.
     """
     test = TestCase(printable(gate.name), classname=case_id, time=seconds)
     kinds = {ERROR: Error, FALLS_SHORT: Failure}
@@ -95,8 +105,10 @@ def _test_of(gate: GateVerdict, case_id: str, seconds: float) -> TestCase:
 
 
 def _waiting_times(case: CaseVerdict) -> Iterator[float]:
-    """Yield the seconds of each gate: as in pytest, the first gate that reads a method
-    waits for its solves.  Those of methods that no gate reads go to the first gate.
+    """Yield the time of each gate of a case, in seconds.
+
+    As in pytest, the first gate that reads a method has the time of all its solves.
+    The time of methods that no gate reads is added to the first gate.
     """
     unread = {
         name: fsum(entry.seconds.values()) for name, entry in case.methods.items()

@@ -54,9 +54,14 @@ class RunInfo(Record):
 
 
 def commit_of(home: Path) -> tuple[str | None, bool | None]:
-    """Return the commit of a checkout, and whether its sources or cases differ from it.
+    """Return the git commit of a checkout, and whether its files differ from it.
 
-    Both are None if the folder is no checkout of this package.
+    Only the folders epcontact, fem_check and cases count for the difference.  Both
+    members of the tuple are None if git is not installed, takes more than 10 s, or if
+    the folder is no checkout of this package.
+
+    Args:
+        home: the folder that contains the package epcontact.
     """
     # A hook of another repository names that one in GIT_ variables; the index may be
     # another user's to write.
@@ -87,7 +92,7 @@ def commit_of(home: Path) -> tuple[str | None, bool | None]:
 
 
 def _processor() -> str:
-    """Return the name of the processor; "" if the system does not tell it."""
+    """Return the model name of the processor; "" if the system does not report it."""
     with suppress(OSError):
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
         for line in text.splitlines():

@@ -27,7 +27,7 @@ from epcontact.scene import as_tuple
 
 
 def _ignore(verdict: Verdict | CaseVerdict) -> None:
-    """Do nothing."""
+    """Do nothing with a verdict; this is `verify`'s default for its two callbacks."""
 
 
 def verify(
@@ -86,7 +86,8 @@ def verify(
     write_verdict(verdict, run.folder)
     try:
         finish(verdict)
-    except BaseException:  # the run ends in an error, which the verdict would not say
+    except BaseException:
+        # The run ends in an error, and the written verdict would not say so.
         delete_verdict(run.folder)
         raise
     return verdict
@@ -96,10 +97,18 @@ def verify(
 
 
 def _load(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Method]]:
-    """Return the loaded cases, and all methods by their names.
+    """Load the cases of a verification, and the solver that replaces a method in them.
 
-    A `solver` is one of the methods, and takes the place of the boundary elements in
-    the cases.
+    Args:
+        cases, size, solver: see `verify`.
+
+    Returns:
+        The cases, in which the solver replaces the boundary elements; and all methods
+        by their names, the solver included.
+
+    Raises:
+        InvalidCase: if a case or the solver cannot be read, or if no case names the
+            method that the solver replaces.
     """
     methods = dict(METHODS)
     if isinstance(cases, Case):
@@ -119,7 +128,17 @@ def _load(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Met
 def _load_with_gates(
     cases: Iterable[str | Path | CaseText | Case], size: str
 ) -> list[Case]:
-    """Load cases; each must have a gate, unless it was loaded before."""
+    """Return the cases at a size, in their order.
+
+    Args:
+        cases: names, paths, texts of cases, or cases that are loaded already.  A file
+            with variants gives all of them.
+        size: the size at which the cases are loaded.
+
+    Raises:
+        InvalidCase: if a case cannot be read, is of another type, or has no gate.  A
+            case that is loaded already needs no gate.
+    """
     texts: list[CaseText | Case] = []
     for case in cases:
         if not isinstance(case, str | Path | CaseText | Case):
@@ -135,8 +154,9 @@ def _load_with_gates(
 
 
 def require_gate(case: Case) -> None:
-    """Raise InvalidCase if a case has no gate to judge, which would pass for one that
-    holds.
+    """Raise InvalidCase if a case has no gate at its size and is not skipped.
+
+    Without this check, such a case would count as one that holds.
     """
     if not case.gates and not case.skip:
         raise InvalidCase(
@@ -148,7 +168,15 @@ def require_gate(case: Case) -> None:
 
 
 def cases_to_verify(size: str) -> list[CaseText]:
-    """Return the cases that `epcontact verify` runs at a size if none is named."""
+    """Return the cases that `epcontact verify` runs if none is named.
+
+    These are the cases in the folder `cases` of the current folder, or else those of
+    the package, that offer the size, have a gate at it, and do not set
+    `verify = false`.
+
+    Raises InvalidCase if there is no such size, if there are no cases, or if one of
+    them cannot be read or has no gate at all.
+    """
     if size not in SIZES:
         raise InvalidCase(f"no size is called {size!r}{nearest(size, SIZES)}")
     cases = find_cases()
@@ -157,23 +185,32 @@ def cases_to_verify(size: str) -> list[CaseText]:
             "no cases found, neither in ./cases nor in the installed package"
         )
     offered = [case for case in cases if size in case.sizes]
-    loaded = [*zip(offered, load_cases(offered, size), strict=True)]
-    for case in (case for _, case in loaded if case.head.verify and case.sweep is None):
-        require_gate(case)
-    return [
-        text for text, case in loaded if case.head.verify and (case.gates or case.skip)
-    ]
+    chosen = []
+    for text, case in zip(offered, load_cases(offered, size), strict=True):
+        if not case.head.verify:
+            continue
+        if case.sweep is None:
+            require_gate(case)
+        if case.gates or case.skip:
+            chosen.append(text)
+    return chosen
 
 
 def _with_solver(case: Case, name: str) -> Case:
-    """Return the case with the method `name` in the place of the boundary elements.
+    """Return a copy of the case in which a method replaces the boundary elements.
 
-    A case that names the method itself stays as it is.
+    The replacement has no options.  A case that names this method already is returned
+    unchanged.
+
+    Args:
+        case: the case.
+        name: the name of the method that replaces them, in methods and gates.
     """
     if name in case.methods:
         return case
 
     def renamed(method: Any) -> Any:
+        """Return the side of a gate, with the replacement's name if it is "bem"."""
         return name if method == REPLACED else method
 
     gates = tuple(
