@@ -26,8 +26,10 @@ GAPS = np.linspace(0, 6, 601)[1:]
 
 
 def cumulative(method, scene):
-    """Return the fraction of the area with a gap of at most GAPS times the rms
-    height.
+    """Return the fraction of the area with a gap of at most GAPS times the rms height,
+    (600,).
+
+    `method` is "persson", "bem" or "fem".
     """
     u = GAPS * scene.surface.rms_height
     if method == "persson":
@@ -43,9 +45,11 @@ def cumulative(method, scene):
 
 
 def distances(table, method, reference):
-    """Return Wasserstein distances over the reference's mean gap, with their intervals.
+    """Return the Wasserstein distance of a method's distribution of the gap from that
+    of a reference method, over the reference's mean gap, with 95 % intervals.
 
-    The unit of the gap cancels in the ratio of the two sums.
+    `table` has the cumulative areas by hardness, seed and gap. The unit of the gap
+    cancels in the ratio of the two sums.
     """
     index = ["ratio", "seed", "gap_over_rms_height"]
     wide = table.pivot_table(index=index, columns="method", values="cumulative_area")
@@ -71,8 +75,8 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
     def row(ratio, seed, method, points, bandwidth):
         """Return rows of the distribution at GAPS by a method on one surface.
 
-        ratio: of the hardness to the modulus; bandwidth: of the longest to the shortest
-        wave.
+        `ratio` is the hardness over E* times the rms slope, `points` the grid points a
+        shortest wave, and `bandwidth` the longest over the shortest wavelength.
         """
         scene = paper.rough_scene(points, seed, bandwidth, ratio * paper.MODULUS)
         columns = {x.column: GAPS, y.column: cumulative(method, scene)}

@@ -32,7 +32,9 @@ WORK = "plastic_fraction"
 
 
 def theory_rows(scene):
-    """Return area, gap and no work for each load of PATH by the theory."""
+    """Return one dictionary for each load of PATH, by the theory: contact area
+    fraction, mean gap over rms height, and NaN for the work that plastic flow spends.
+    """
     peak = scene.load.final
     up = theory_of(scene)
     bodies = {"up": up, "down": separation.flattened(up, peak)}
@@ -47,7 +49,10 @@ def theory_rows(scene):
 
 
 def numerical_rows(model, scene):
-    """Return area, gap and work for each load of PATH by "cap" or "J2"."""
+    """Return one dictionary for each load of PATH, by the model "cap" or "J2": contact
+    area fraction, mean gap over rms height, and plastic work over the sum of plastic
+    work and elastic energy.
+    """
     peak = scene.load.final
     path = Load(tuple(fraction * peak for _, fraction in PATH))
     rows = []

@@ -157,7 +157,9 @@ def _lapped(patch, rng):
 
 
 def _turned(patch, rng):
-    """Return distances (nx, ny) from a random centre along two orthogonal axes."""
+    """Return distances (nx, ny), over the period, from a random centre along two random
+    orthogonal axes.
+    """
     x, y = patch.offsets(rng.uniform(size=2))
     turn = rng.uniform(0, np.pi)
     along = x * math.cos(turn) + y * math.sin(turn)
@@ -213,10 +215,16 @@ JUDGED_KINDS = {
 
 
 def scene_of(kinds, kind, seed, points, finer):
-    """Return a member of the ensemble of areas as a scene of period 1.
+    """Return a random surface and load of the ensemble as a scene of period 1.
 
-    kinds: functions that return heights, by kind; points: of the coarse grid a side;
-    finer: points of the scene's grid for each of them.  Loads are below .3 E*.
+    Args:
+        kinds: functions that return heights, by kind.
+        kind: key of `kinds`.
+        seed: seed of surface and load.
+        points: points of the coarse grid a side.
+        finer: refinement of the scene's grid.
+
+    Loads are below 0.3 E*.
     """
     drawn = member(kinds, kind, seed, points)
     load = drawn.load if drawn.load < 0.3 else drawn.load / 10
@@ -234,10 +242,13 @@ def scene_of(kinds, kind, seed, points, finer):
 
 
 def measure_both_grids(kinds, seeds, points, finer):
-    """Return (kind, branch, coarse punch, fine punch) of each scene and branch.
+    """Return (kind, branch, coarse punch, fine punch) of each scene and branch of the
+    load path.
 
-    Contacts without contact or nearly without a gap are left out, and so is the loading
-    branch of scenes without plastic points, where it is the unloading branch.
+    A punch is the flat punch of the scene's contact, whose conductance and stiffness
+    are measured. The arguments are those of `scene_of`, with all `seeds`. Scenes
+    without contact or nearly without a gap are left out, and so is the loading branch
+    of scenes without plastic points, where it equals the unloading branch.
     """
     measured = []
     for kind in kinds:
@@ -251,7 +262,11 @@ def measure_both_grids(kinds, seeds, points, finer):
 
 
 def _punches_by_branch(kind, scenes):
-    """Return (kind, branch, coarse punch, fine punch) of the branches of two scenes."""
+    """Return (kind, branch, coarse punch, fine punch) of the branches of a scene on two
+    grids.
+
+    `scenes` holds the scene on the coarse and on the fine grid.
+    """
     results = [bem.solve(scene, tolerance=1e-7, threads=1) for scene in scenes]
     measured = []
     for branch in QUANTITIES:
@@ -267,10 +282,12 @@ def _punches_by_branch(kind, scenes):
 
 
 def relative_errors(measured, constants=None):
-    """Return a row for each pair of punches, relative to the limit of the finer grid.
+    """Return a table with a row for each pair of punches, relative to the limit of the
+    finer grid.
 
-    raw and error: error of the raw value and of the limit; estimate: estimated error of
-    the limit.
+    Columns `raw` and `error` are the errors of the raw value and of the extrapolated
+    limit, and `estimate` is the estimated error of the limit. `constants` replaces
+    those of the extrapolation.
     """
     rows = []
     for kind, branch, coarse, fine in measured:
@@ -288,7 +305,11 @@ def relative_errors(measured, constants=None):
 
 
 def fit(measured, start):
-    """Return the constants with the least loss; an intensity of 0 is not fitted."""
+    """Return the constants of the extrapolation with the least loss for measured pairs
+    of punches.
+
+    An intensity of 0 in `start` is not fitted.
+    """
 
     def mean_logarithm(centre):
         """Return the mean logarithm of the errors, given intensity and setback."""
@@ -318,16 +339,19 @@ def fit(measured, start):
 
 
 def _disc(points, radius, centre):
-    """Return the scene of a flat disc on a floor; lengths are over the period."""
+    """Return the scene of a flat disc on a floor; radius and centre are over the
+    period, and `points` is the number a side.
+    """
     x, y = ((np.arange(points) / points - c + 0.5) % 1 - 0.5 for c in centre)
     heights = np.where(np.hypot(x[:, None], y[None]) < radius, 0.0, -10.0)
     return Scene(Surface(heights, (1.0, 1.0)), Material(1.0, 0.0), Load(0.05))
 
 
 def step_setbacks(count=24):
-    """Return what each of some discs needs beyond CONSTANTS.setback, in spacings.
+    """Return the shift of the contact's edge, in grid spacings, that each of some flat
+    discs needs beyond CONSTANTS.setback.
 
-    count: discs on each of three grids.
+    `count` is the number of discs on each of three grids.
     """
     needed = []
     random = np.random.default_rng(5)
@@ -346,7 +370,9 @@ def step_setbacks(count=24):
 
 
 def table(measured):
-    """Return medians in % and fractions within the estimate, by quantity and kind."""
+    """Return medians of errors in % and fractions of errors within their estimates, by
+    quantity and kind of surface.
+    """
     rows = relative_errors(measured)
     rows["within"] = rows["error"] <= rows["estimate"]
     groups = pd.concat([rows, rows.assign(kind="~ all")]).groupby(["quantity", "kind"])
@@ -367,11 +393,12 @@ WAVES = {16: 24, 32: 24, 64: 20, 128: 20}
 
 
 def waves(finer=4):
-    """Return the fraction of errors within the estimate, by shortest waves on a period.
+    """Return the fraction of errors within the estimate, by the number of shortest
+    waves on a period.
 
-    Scenes of half 0 have given the systematic error, and those of half 1 have not.
-    Each half is judged without the systematic error and with it.  finer: points of the
-    reference's grid for each of the coarse one.
+    Scenes of half 0 have given the systematic error, and those of half 1 have not. Each
+    half is judged without the systematic error and with it. `finer` is the refinement
+    of the reference grid.
     """
     rows = []
     for high, count in WAVES.items():
@@ -393,7 +420,11 @@ def waves(finer=4):
 
 
 def _rough_joint(random, high, number):
-    """Return a joint with `high` shortest waves on its period, drawn from RANGES."""
+    """Return a random rough joint with `high` shortest waves on its period, whose
+    parameters are drawn from RANGES.
+
+    `random` is a numpy generator, and `number` the seed of the surface.
+    """
     hardnesses, loads = np.log(RANGES[number // 2 % len(RANGES)])
     hardness = math.exp(random.uniform(*hardnesses))
     load = math.exp(random.uniform(*loads))
@@ -404,7 +435,9 @@ def _rough_joint(random, high, number):
 
 
 def _refined(scene, finer):
-    """Return the scene on a grid that is finer by a factor along each axis."""
+    """Return the scene on a grid that is finer by the factor `finer` along each
+    axis.
+    """
     heights = scene.surface.heights
     for axis in (0, 1):
         heights = resample(heights, finer * heights.shape[axis], axis=axis)
@@ -412,7 +445,7 @@ def _refined(scene, finer):
 
 
 def _unloading_punch(scene):
-    """Solve a scene, and measure the flat punch on all of its contact."""
+    """Solve a scene, and return the measured flat punch on all of its contact."""
     result = bem.solve(scene, tolerance=1e-7, threads=1)
     return measure_punch(scene, result, carrying_points(result, "unloading"))
 

@@ -28,7 +28,11 @@ COMPARED = {
 
 
 def scene_of_slope(severity, slope, seed, nodes):
-    """Return a scene of `model_scene` with another slope at the same severity."""
+    """Return a scene of `model_scene` with another rms slope at the same severity, E*
+    times slope over yield stress.
+
+    `nodes` is the number of nodes a side.
+    """
     scene = model_scene(severity, 0.3, seed, nodes)
     heights = scene.surface.heights * slope / SLOPE
     material = replace(scene.material, young_modulus=YOUNG * SLOPE / slope)
@@ -37,7 +41,11 @@ def scene_of_slope(severity, slope, seed, nodes):
 
 
 def measures(scene, geometry):
-    """Return area, effective hardness and rms of the residual topography (3,)."""
+    """Return the contact area, the effective hardness over the yield stress, and the
+    rms height in m of the surface displacement that is left after unloading, (3,).
+
+    `geometry` is the option of `fem_check.solve_path` that says which body is rough.
+    """
     unloaded = replace(scene, load=Load((scene.load.final, 0.0)))
     path = fem_check.solve_path(unloaded, law="j2", geometry=geometry, certified=False)
     loaded = contact_result(replace(path, points=path.points[:1]))

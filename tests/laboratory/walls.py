@@ -81,10 +81,19 @@ def returned(before, after):
 
 
 def steps(seed, bandwidth, place, points, fractions):
-    """Add the ring to a surface.
+    """Solve one surface without its shortest waves, and with these waves added at
+    several strengths.
 
-    Returns a table of the flows through each wall, and one of what points of each
-    pressure do.
+    Args:
+        seed: seed of the rough surface.
+        bandwidth: longest over shortest wavelength.
+        place: mean pressure and hardness, both over E* times the rms slope.
+        points: grid points a shortest wave.
+        fractions: variances of the added waves over their full variance.
+
+    Returns a table of the fraction of points that return to each bound (zero pressure
+    or the hardness), and a table of the drift and the diffusion of elastic pressures by
+    intervals of pressure.
     """
     complete = paper.rough_scene(points, seed, bandwidth).surface
     base = filtered(complete, (1 - 1 / PARTS) * bandwidth * paper.LOWEST)
@@ -97,7 +106,9 @@ def steps(seed, bandwidth, place, points, fractions):
     cap = hardness * (1 - 1e-12)
 
     def solve(strength):
-        """Return the pressures over E* xi with the ring times a strength."""
+        """Return the pressures over E* times the rms slope, with the added waves
+        multiplied by `strength`.
+        """
         surface = replace(base, heights=base.heights + strength * ring)
         result = bem.solve(Scene(surface, body, Load(p0 * unit)))
         return result.fields["pressure"] / unit
@@ -149,9 +160,11 @@ def steps(seed, bandwidth, place, points, fractions):
 
 
 def limits(flows):
-    """Return the returned fraction at a vanishing step for each wall.
+    """Return a table of the returned fraction for vanishing added waves, at each bound
+    of the pressure, with its 95 % half-width.
 
-    It is extrapolated by a line in the root of the step for each surface.
+    For each surface it is the intercept of a line over the square root of the added
+    variance.
     """
     keys = ["hardness", "p0", "bandwidth", "wall"]
     rows = []
@@ -185,8 +198,8 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
     bodies = {h: f"hardness {h:g}" for h in (0.3, 0.6, 1.2)}
 
     def select(rows):
-        """Return the rows of the widest band at the shown load, with the body in
-        words.
+        """Return the rows of the widest band at the shown load, with a column `body`
+        that names the hardness.
         """
         widest = rows["bandwidth"] == max(bandwidths)
         shown = rows[widest & (rows["p0"] == SHOWN_LOAD)]
