@@ -22,11 +22,15 @@ RESIDUALS = {"bem": "gap_elastic", "fem": "balance"}
 
 
 def test_large_cases_have_saved_results():
+    """At least three large cases have saved results."""
     assert len(CASES) >= 3
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_saved_results_are_of_their_case_and_hold_its_gates(name):
+    """The saved results of a case (`name`) are of its present scenes, have converged to
+    1e-8, and hold all its gates.
+    """
     case = load_case(find_case(name), "large")
     digests = [case.digest(recipe) for recipe in case.recipes]
     by_method = {}

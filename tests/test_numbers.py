@@ -80,20 +80,24 @@ NUMBERS: list[tuple[Callable[..., Any], dict[str, Any]]] = [
 ]
 #: None is no number, but it is "not given" for these.
 OPTIONAL = {
-    *(
-        "shortest_wavelength",
-        "longest_wavelength",
-        "area_tolerance",
-        "max_steps",
-        "approach",
-    ),
-    *("depth", "first_layer", "layers", "steps", "threads", "seed"),
+    "shortest_wavelength",
+    "longest_wavelength",
+    "area_tolerance",
+    "max_steps",
+    "approach",
+    "depth",
+    "first_layer",
+    "layers",
+    "steps",
+    "threads",
+    "seed",
 }
 
 
 def words(made):
-    """Return what was made, with the types of its numbers, and without times and
-    memory.
+    """Return the repr of an object, which tells the types of its numbers.
+
+    Of a result it holds steps, scene and options, but not times and memory.
     """
     if hasattr(made, "provenance"):
         return repr((made.steps, made.provenance.scene, made.provenance.options))
@@ -105,11 +109,19 @@ def words(made):
     [(make, values, name) for make, values in NUMBERS for name in values],
 )
 def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
+    """An argument takes any kind of number that Python and numpy have, with the same
+    result.
+
+    Anything else raises InvalidScene with the name of the argument.
+
+    `make` is a function or class, `values` are valid arguments, and `name` is the one
+    that is replaced.
+    """
     *others, good = values[name] if isinstance(values[name], tuple) else [values[name]]
     whole = isinstance(good, int)
 
-    def made(number):  # of several numbers the last is replaced
-        """Build the object with a number instead of its value; of several the last is
+    def made(number):
+        """Build the object with another value of the argument; of several the last is
         replaced.
         """
         several = isinstance(values[name], tuple)
@@ -119,11 +131,13 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     for kind in (np.int64, np.uint8, np.array, float) if whole else real_kinds:
         assert words(made(kind(good))) == words(made(good))
     wrong = [True, np.True_, "1.0", b"1", 1j, [[good]], [None], math.nan, -math.inf]
-    wrong += [None] * (name not in OPTIONAL) + [good + 0.5] * whole
+    if name not in OPTIONAL:
+        wrong.append(None)
+    if whole:
+        wrong.append(good + 0.5)
+    message = rf"{name} is .*, but must be "
     for given in wrong:
-        with pytest.raises(
-            InvalidScene, match=rf"{name} is .*, but must be "
-        ) as caught:
+        with pytest.raises(InvalidScene, match=message) as caught:
             made(given)
         assert len(str(caught.value)) < 200
 
@@ -194,6 +208,9 @@ def test_a_number_is_of_any_kind_or_refused_by_name(make, values, name):
     ],
 )
 def test_other_arguments(call, sentence, tmp_path, monkeypatch):
+    """A `call` with an argument of a wrong type or range raises an error with
+    `sentence`, and writes no file.
+    """
     monkeypatch.chdir(tmp_path)
     with pytest.raises(EpcontactError, match=sentence):
         call()

@@ -30,9 +30,13 @@ NODES = [
 
 
 def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_for():
-    assert all(
-        (ROOT / name / "py.typed").is_file() for name in ("epcontact", "fem_check")
-    )
+    """Both packages are typed and under the MIT licence.
+
+    All public names exist, and a part of the package does not import libraries that
+    only other parts need.
+    """
+    for name in ("epcontact", "fem_check"):
+        assert (ROOT / name / "py.typed").is_file()
     assert (ROOT / PROJECT["license-files"][0]).read_text().startswith("MIT License")
     code = (
         "import sys, epcontact; epcontact.Load; print('pydantic' in sys.modules)\n"
@@ -45,6 +49,9 @@ def test_licence_and_types_are_inside_and_public_names_are_imported_when_asked_f
 
 
 def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors():
+    """All imported libraries are declared in pyproject.toml, and .ci/oldest prints the
+    lowest version of each.
+    """
     imported = set()
     for _, node in NODES:
         if isinstance(node, ast.Import):
@@ -52,23 +59,22 @@ def test_libraries_that_are_imported_are_declared_and_tested_at_their_floors():
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             imported.add(node.module.partition(".")[0])
     foreign = imported - {"epcontact", "fem_check"} - sys.stdlib_module_names
-    extras, homes = PROJECT["optional-dependencies"], packages_distributions()
+    extras = PROJECT["optional-dependencies"]
+    distributions = packages_distributions()
     needed = [*PROJECT["dependencies"], *chain(*extras.values())]
     # pyvista decides which vtk it works with, and pydantic which core of its own.
     declared = {"vtk", "pydantic_core"} | {
         name.partition(">=")[0].lower().replace("_", "-") for name in needed
     }
-    assert not [
-        m
-        for m in foreign & homes.keys()
-        if not {h.lower() for h in homes[m]} & declared
-    ]
-    floors = [
-        name.replace(">=", "==") for name in (*PROJECT["dependencies"], *extras["test"])
-    ]
+    for module in foreign & distributions.keys():
+        names = {name.lower() for name in distributions[module]}
+        assert names & declared, module
+    tested = (*PROJECT["dependencies"], *extras["test"])
+    floors = [name.replace(">=", "==") for name in tested]
     assert python(ROOT / ".ci" / "oldest").stdout.split() == floors
 
 
+#: The end of the file and the function that cite each equation of the paper.
 HOMES = {
     "equation (1)": "persson/series.py elastic_density",
     "equation (2)": "persson/reduction.py full_contact_diffusion",
@@ -83,7 +89,11 @@ HOMES = {
 
 @pytest.mark.parametrize(("number", "home"), HOMES.items())
 def test_an_equation_has_one_home(number, home):
-    """The function with the formula cites its number first, and no other text does."""
+    """One docstring begins with an equation of the paper (`number`), and no other text
+    cites it.
+
+    `home` is the end of its file and the function, or "" for a figure.
+    """
     citation = f"{number} of the paper"
     homes = []
     for path, node in NODES:
@@ -100,6 +110,9 @@ def test_an_equation_has_one_home(number, home):
 
 
 def test_the_page_of_the_package_index_has_no_link_into_the_checkout():
+    """All links of the readme lead to https:// after the substitutions for the package
+    index.
+    """
     hook = PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     for rule in hook["substitutions"]:

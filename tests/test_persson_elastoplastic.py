@@ -25,7 +25,12 @@ TINY = 1e-290
 
 
 def images(s, x, c):
-    """Plastic area, force, mass below x, dP/dx at 0 and P(x), summed over images."""
+    """Return exact values of the theory by the sum over images: a tuple of plastic
+    area, force, mass below x, slope of the density at 0 and density at x.
+
+    All are dimensionless: s is the mean pressure, x a pressure and c the spread 2
+    sqrt(G), each over the hardness. Six images are exact for c below 1.
+    """
 
     def phi(z):
         """Return the normal density of spread c at the distance z from its centre."""
@@ -45,7 +50,10 @@ def images(s, x, c):
 
 
 def modes(s, x, c):
-    """The same by eigenfunctions."""
+    """Return the same tuple as `images` by the sum over eigenfunctions.
+
+    Nine of them are exact for c of 1 and above.
+    """
 
     def total(weight):
         """Return sum_k weight(k) 2 sin(k s) exp(-(k c/2)^2) over k = n pi, n = 1 to
@@ -60,7 +68,13 @@ def modes(s, x, c):
 
 
 def referee(G, p0, H, sigma=0.0):
-    """Areas, force, slopes, density and cumulative with 45 digits, from doubles."""
+    """Return a dictionary of areas, force, slopes, density and cumulative area with 45
+    digits.
+
+    G is the diffusion (Pa^2), p0 the mean pressure, H the hardness and sigma the
+    pressure (Pa) of density and cumulative area; all are floats. The slopes are those
+    of the density at 0 and at H, in 1/Pa^2.
+    """
     G = mp.mpf(G)
     p0 = mp.mpf(p0)
     H = mp.mpf(H)
@@ -83,7 +97,10 @@ def referee(G, p0, H, sigma=0.0):
 
 
 def is_near(found, exact, rel=1e-10):
-    """Whether a number has a relative error below `rel`, or is tiny as it should be."""
+    """Return whether a number has a relative error below `rel`.
+
+    An exact value below TINY requires that the number is below 2 TINY.
+    """
     if abs(exact) < TINY:
         return abs(found) < 2 * TINY
     return abs(mp.mpf(float(found)) - exact) < rel * abs(exact)
@@ -94,7 +111,9 @@ _tail = st.floats(-12, -0.302).map(lambda u: 10.0**u)
 
 @st.composite
 def contacts(draw, widest=1.7):
-    """(G, p0, H) with p0/H from 1e-12 to 1 - 1e-12 and 2 sqrt(G)/H from 1e-13 to 50."""
+    """Draw (G, p0, H): diffusion (Pa^2), mean pressure and hardness (Pa). p0/H is from
+    1e-12 to 1 - 1e-12, and 2 sqrt(G)/H from 1e-13 to 10^widest.
+    """
     H = 10.0 ** draw(st.floats(-3, 12))
     share = draw(_tail)
     p0 = H * share if draw(st.booleans()) else H - H * share
@@ -110,6 +129,12 @@ def contacts(draw, widest=1.7):
 @example((100.0, 12.5, 150.0))
 @example((3.0, 1e-3, 1.0))  # tiny elastic area
 def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
+    """Areas, elastic force and slopes have relative errors below 1e-10 for any contact
+    (G, p0, H).
+
+    Areas sum to 1, forces to the load, and plastic and separated area are exchanged at
+    the load H - p0.
+    """
     exact = referee(*contact)
     found = areas(*contact)
     for name in ("elastic", "plastic", "separated"):
@@ -133,7 +158,11 @@ def test_areas_force_and_slopes_are_right_to_1e10_of_themselves(contact):
 @settings(max_examples=250, derandomize=True)
 @given(contacts(widest=1.0), st.floats(0, 1), st.floats(-4, 4), st.booleans())
 def test_distribution_is_right(contact, share, offset, near_start):
-    """Pressures anywhere, and within a few widths of the mean pressure."""
+    """Density and cumulative area agree with 45 digits to 1e-12 of their scale.
+
+    The pressure is p0 + `offset` sqrt(G) if `near_start`, else `share` times the
+    hardness.
+    """
     G, p0, H = contact
     sigma = p0 + offset * math.sqrt(G) if near_start else share * H
     sigma = min(max(sigma, 0.0), H)
@@ -145,6 +174,10 @@ def test_distribution_is_right(contact, share, offset, near_start):
 
 
 def test_no_contact_outside_the_walls_and_the_density_ends_at_its_slopes():
+    """The density is 0 outside of pressures 0 to H, and the cumulative area constant.
+
+    The density rises from both bounds with the slopes of boundary_slopes.
+    """
     G = 4189.0
     p0 = 12.5
     H = 150.0
@@ -163,6 +196,11 @@ def test_no_contact_outside_the_walls_and_the_density_ends_at_its_slopes():
 
 
 def test_no_roughness_is_full_contact_and_endless_roughness_the_bearing_area():
+    """Without roughness all is elastic contact; with endless roughness the plastic area
+    is load over hardness.
+
+    Before, the elastic area is that of the lowest mode.
+    """
     found = areas(0.0, [1e-9, 0.5, 1 - 1e-9], 1.0)
     assert_allclose(
         [found.elastic, found.plastic, found.separated], [[1] * 3, [0] * 3, [0] * 3]
@@ -177,6 +215,10 @@ def test_no_roughness_is_full_contact_and_endless_roughness_the_bearing_area():
 
 
 def test_infinite_and_great_hardness_are_the_elastic_theory():
+    """For infinite hardness the area is erf(p0 / (2 sqrt(G))), and nothing is plastic.
+
+    A great hardness has the pressure distribution of an infinite one.
+    """
     G = np.array([0.0, 1e-8, 1.0, 4189.0, 1e30])
     p0 = 12.5
     found = areas(G, p0, np.inf)
@@ -195,11 +237,12 @@ def test_infinite_and_great_hardness_are_the_elastic_theory():
 
 
 def test_the_theory_row_of_the_paper():
-    """E* = 250, hardness 150, p0 = 12.5 GPa, energy reduction 0.536, rms slope 1.
+    """The areas of the paper's theory are met: E* = 250 GPa, hardness 150 GPa, mean
+    pressure 12.5 GPa, energy reduction 0.536 and rms slope 1.
 
     The paper prints .0526 / .0572 / .1099 and elastic .1087, of a tabulated spectrum
-    whose slope is 1 to print only; the second row is what its equations give at a slope
-    of exactly 1.
+    whose slope is only about 1. The second row is what its equations give at a slope of
+    exactly 1.
     """
     G = 250.0**2 * 0.536 / 8
     found = areas(G, 12.5, 150.0)
@@ -210,6 +253,11 @@ def test_the_theory_row_of_the_paper():
 
 
 def test_arguments_broadcast_and_scale():
+    """Arguments broadcast like numpy arrays.
+
+    Pressures times 1e9 and diffusions times 1e18 leave areas as they are and divide
+    densities by 1e9.
+    """
     G = np.geomspace(1, 1e5, 7)[:, None]
     p0 = np.array([1.0, 12.5, 149.0])
     hardness = np.array([150.0, np.inf, 150.0])
@@ -242,5 +290,8 @@ def test_arguments_broadcast_and_scale():
     ],
 )
 def test_nonsense_is_refused(function, arguments, word):
+    """`function` raises InvalidScene with `word` for arguments out of range, or whose
+    shapes do not fit.
+    """
     with pytest.raises(InvalidScene, match=word):
         function(*arguments)
