@@ -125,7 +125,11 @@ def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
     for name, row in families.items():
         verified = sum(case.id in run for case in cases if case_name(case.path) == name)
         few = re.search(r"(\d+) of (\d+) in a bare", row)
-        told = int(few[1]) if few else 0 if left_out in row else counts[name]
+        told = counts[name]
+        if few:
+            told = int(few[1])
+        elif left_out in row:
+            told = 0
         assert told == verified, row
         assert (f"{counts[name]} cases" in row) == (counts[name] > 1), row
 
@@ -230,7 +234,11 @@ def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
     def reused(fields, precision="single"):
         """Return how many of the two results a run with these fields reuses."""
         notes.clear()
-        told = lambda done, total, words: notes.append("(reused)" in words)  # noqa: E731
+
+        def told(done, total, words):
+            """Append whether the progress message says that a result was reused."""
+            notes.append("(reused)" in words)
+
         run_cases(
             [case], Run(tmp_path, 1, fields=fields, precision=precision, progress=told)
         )
@@ -513,9 +521,11 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first)
     monkeypatch.setattr("rich.console.monotonic", lambda: clock[0])
     with show_progress(Run()) as run:
         for done in range(1, 121):
-            reused = done <= 20
-            clock[0] += 0.001 if reused else first if done == 21 else 1.0
-            run.progress(done, 120, "x" + " (reused)" * reused)
+            seconds = {True: 0.001, False: 1.0}[done <= 20]
+            if done == 21:
+                seconds = first
+            clock[0] += seconds
+            run.progress(done, 120, "x" + " (reused)" * (done <= 20))
     told = re.findall(
         r"\[(\d+)/120\] x \(about (\d+):(\d+):(\d+) left\)", capsys.readouterr().err
     )

@@ -255,9 +255,13 @@ def test_a_workers_cores_are_its_own(write_case, tmp_path, monkeypatch, given, t
     monkeypatch.setattr(run, "available_cores", lambda: 6)
     monkeypatch.setenv("OMP_NUM_THREADS", given)
     found: list[int] = []
-    monkeypatch.setattr(
-        run, "solve_task", lambda _, threads: found.append(threads) or "none"
-    )
+
+    def solve_task(task, threads):
+        """Record the number of threads, and return a word in place of a result."""
+        found.append(threads)
+        return "none"
+
+    monkeypatch.setattr(run, "solve_task", solve_task)
     task = next(tasks_of(load_case(write_case(*THEORY)), Run()))
     assert run.solve_on_worker(task, saved.software_versions(), jobs=2) == "none"
     assert found == [threads]

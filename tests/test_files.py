@@ -89,29 +89,34 @@ def removing(here):
         temporary.unlink()
 
 
+def writing(name):
+    """Return a function of a folder that writes an empty text to a path in it."""
+
+    def write(here):
+        """Write an empty text to the path in the folder `here`."""
+        files.write_text(os.path.join(here, name), "")
+
+    return write
+
+
+def require_writable_file(here):
+    """Require that a file of the folder `here` can be written into, like a folder."""
+    files.require_writable(here / "file")
+
+
+def writing_nowhere(_):
+    """Write a text to an empty path."""
+    files.write_text("", "")
+
+
+#: What is called with a folder, the class of its error, and a pattern of the message.
 REFUSED = [
-    (
-        lambda here: files.write_text(here / "folder", ""),
-        OutputError,
-        "folder: it is a folder",
-    ),
-    (
-        lambda here: files.require_writable(here / "file"),
-        OutputError,
-        "not a directory$",
-    ),
-    (
-        lambda here: files.write_text(here / "file" / "y", ""),
-        OutputError,
-        "y: file.*: .*file$",
-    ),
-    (
-        lambda here: files.write_text(here / ("n" * 300), ""),
-        OutputError,
-        "name too long",
-    ),
-    (lambda here: files.write_text("", ""), OutputError, "names no file"),
-    (lambda here: files.write_text(f"{here}/a\0b", ""), OutputError, "cannot write"),
+    (writing("folder"), OutputError, "folder: it is a folder"),
+    (require_writable_file, OutputError, "not a directory$"),
+    (writing("file/y"), OutputError, "y: file.*: .*file$"),
+    (writing("n" * 300), OutputError, "name too long"),
+    (writing_nowhere, OutputError, "names no file"),
+    (writing("a\0b"), OutputError, "cannot write"),
     (removing, OutputError, "no such file"),
     (
         stopped_by(OSError(errno.ENOSPC, "No space left")),
@@ -123,13 +128,11 @@ REFUSED = [
         FileNotFoundError,
         "other",
     ),
-    *(
-        (stopped_by(e("mine"), "file.vti"), e, "mine")
-        for e in (ValueError, KeyboardInterrupt)
-    ),
+    (stopped_by(ValueError("mine"), "file.vti"), ValueError, "mine"),
+    (stopped_by(KeyboardInterrupt("mine"), "file.vti"), KeyboardInterrupt, "mine"),
 ]
 if POSIX:
-    REFUSED += [(lambda here: files.write_text("/dev/null", ""), OutputError, "device")]
+    REFUSED.append((writing("/dev/null"), OutputError, "device"))
 
 
 @pytest.mark.parametrize(("call", "error", "words"), REFUSED)
