@@ -37,7 +37,9 @@ def flow_of(scene):
 
 
 def plastic_works(steps):
-    """Return the plastic work of each load step."""
+    """Return the plastic work of each load step (energy per nominal area, J/m^2 in SI
+    units).
+    """
     return [step.quantities["plastic_work"] for step in steps]
 
 

@@ -115,7 +115,12 @@ def test_the_answer_does_not_depend_on_place_and_orientation(move):
 
 
 def test_the_answer_does_not_depend_on_the_scale_of_the_slope():
-    """In the gap geometry only p0/(E* xi) and sigma_Y/(E* xi) matter."""
+    """Pressures over E* xi do not change with the slope, at equal p0/(E* xi) and
+    sigma_Y/(E* xi).
+
+    p0 is the mean pressure, E* the effective modulus, xi the rms slope, sigma_Y the
+    yield stress, and the geometry is `gap`.
+    """
     pressure = solve(rough_scene(16, 3)).fields["pressure"]
     flatter = solve(rough_scene(16, 3, slope=0.005)).fields["pressure"]
     np.testing.assert_allclose(flatter, pressure, atol=1e-6)
@@ -149,8 +154,9 @@ def test_rough_bodies_and_punches_tend_to_the_gap_as_the_slope_vanishes(law, geo
     """Pressures of the geometries `moved` and `punch` differ from `gap` in proportion
     to the slope.
 
-    At equal p0/(E* xi) and sigma_Y/(E* xi) the slopes 0.0125 and 0.2 are compared; the
-    fitted power of the slope is between 0.8 and 1.8.
+    The rms slopes 0.0125 and 0.2 are compared at equal ratios of mean pressure and
+    yield stress to E* times the rms slope; the fitted power of the slope is between 0.8
+    and 1.8.
     """
     differences = []
     for slope in (0.0125, 0.2):
