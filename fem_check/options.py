@@ -157,10 +157,14 @@ def _hardening(name: str, value: Any) -> float:
 
 
 def _approaches(name: str, value: Any) -> tuple[float, ...]:
-    """Return approaches in m, one number or a sequence, as a tuple of floats.
+    """Return approaches in m as a tuple of floats.
 
-    Raises InvalidScene if there are none or one is not positive; `name` is that of the
-    option in the message.
+    Args:
+        name: Of the option, for messages.
+        value: One number or a sequence of numbers.
+
+    Raises:
+        InvalidScene: There is no approach, or one is not positive and finite.
     """
     approaches = as_tuple(value)
     if not approaches:

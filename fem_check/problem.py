@@ -337,7 +337,7 @@ class Problem:
     def residuals(
         self, state: State, R: FloatArray, control: Control
     ) -> dict[str, float]:
-        """Return the dimensionless residuals of a state with the reaction R.
+        """Return the dimensionless residuals of a state.
 
         The first three are relative to the total force, or to the largest force of the
         path if that is larger; the others are relative to the rms height, or to the
@@ -349,6 +349,11 @@ class Problem:
             gap          largest gap of an elastic node
             penetration  of the deepest node that is apart, or largest gap of a plastic
                          node
+
+        Args:
+            state: state whose displacement, approach and contact states are checked.
+            R: (nz + 1, nx, ny, 3) reaction of the state, in N.
+            control: prescribed load or approach, and the largest force so far.
         """
         contact = state.states == ELASTIC
         forces = np.where(contact, R[0, ..., 2], 0.0)

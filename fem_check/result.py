@@ -334,7 +334,14 @@ def _warnings(path: SolvedPath) -> tuple[str, ...]:
     """Return sentences on halved increments and on the limits of this method.
 
     The limits are those on slopes, nodes across a contact, depth of the plastic zone,
-    and plastic strain; without any violation the tuple is empty.
+    and plastic strain.
+
+    Args:
+        path: the solved path.
+
+    Returns:
+        Sentences for the result's notes; none if no increment was halved and no limit
+        is exceeded.
     """
     notes = [
         f"an increment towards point {number} was halved {point.counts.halvings} times"

@@ -359,7 +359,7 @@ def _invert_diagonal(rows, held, inverses):
 
 @inlined
 def _product(A, x, y, z):
-    """Return the product of a 3 x 3 matrix and a vector (x, y, z), as three numbers."""
+    """Return A (x, y, z), a 3 x 3 matrix times a vector, as three numbers."""
     return (
         A[0, 0] * x + A[0, 1] * y + A[0, 2] * z,
         A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,

@@ -161,9 +161,11 @@ def dot(a: FloatArray, b: FloatArray, workers: Workers = SERIAL) -> float:
 
 
 def norm(a: FloatArray, workers: Workers = SERIAL) -> float:
-    """Return the Euclidean norm of an array of any shape, in its unit.
+    """Return the Euclidean norm of an array, in its unit.
 
-    `workers` are threads that share the work.
+    Args:
+        a: contiguous or not, of any shape.
+        workers: threads that share the work.
     """
     return math.sqrt(dot(a, a, workers))
 

@@ -193,7 +193,10 @@ def pressure_density(
         )
 
     def modes(w: Diffusion) -> FloatArray:
-        """Return the dimensionless density, by the sum over eigenfunctions."""
+        """Return the dimensionless density, by the sum over eigenfunctions.
+
+        `w` holds start, spread and pressure in units of the hardness, (m,) each.
+        """
         density = w.sum_modes(lambda n: 2 * series.sine(n, w.x, w.y))
         return np.maximum(density, 0)
 
@@ -229,7 +232,8 @@ def pressure_cumulative(
     def modes(w: Diffusion) -> FloatArray:
         """Return the area in contact at pressures from 0 to x, by eigenfunctions.
 
-        The area is a fraction; x is the pressure in units of the hardness.
+        The area is a fraction; `w` holds start, spread and the pressure x in units of
+        the hardness, (m,) each.
         """
         return w.sum_modes(lambda n: 4 / np.pi * np.sin(0.5 * n * np.pi * w.x) ** 2 / n)
 
@@ -258,7 +262,10 @@ def boundary_slopes(
     w, unit, _ = _scaled(diffusion, mean_pressure, hardness)
 
     def modes(w: Diffusion) -> FloatArray:
-        """Return the slope dP/dx at x = 0, by the sum over eigenfunctions."""
+        """Return the slope dP/dx at x = 0, by the sum over eigenfunctions.
+
+        `w` holds start and spread of the stress in units of the hardness, (m,) each.
+        """
         return w.sum_modes(lambda n: 2 * np.pi * n)
 
     at_zero = evaluate(w, modes=modes, images=series.slope_images)

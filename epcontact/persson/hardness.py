@@ -192,9 +192,16 @@ def _magnifications(roughness: Roughness, given: ArrayLike | None) -> FloatArray
 def _continuous_slope_variance(
     roughness: Roughness,
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return xi^2(q) as a continuous function of the wave number in rad/m.
+    """Return the slope variance xi^2(q) as a continuous function of the wave number q.
 
     The slope variance of a surface jumps at its modes; the jumps are spread over rings.
+
+    Args:
+        roughness: The bands of the surface.
+
+    Returns:
+        Function from wave numbers in rad/m, of any shape, to xi^2 of the roughness up
+        to them.
     """
     edges = np.concatenate([[roughness.lowest], roughness.upper_edge])
     is_new = np.concatenate([[True], np.diff(edges) > 0])
@@ -253,7 +260,12 @@ def _nodes(
 
 
 def _refuse_falling_hardness(zeta: FloatArray, hardness: FloatArray) -> None:
-    """Raise InvalidScene if the hardness (n,) falls along the magnifications (n,)."""
+    """Raise InvalidScene if the hardness falls along the magnifications.
+
+    Args:
+        zeta: Ascending magnifications, (n,).
+        hardness: In Pa at each of them, (n,).
+    """
     falls = np.flatnonzero(np.diff(hardness) < 0)
     if falls.size:
         raise InvalidScene(

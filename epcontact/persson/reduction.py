@@ -208,7 +208,7 @@ def _integrate(
     """
 
     def integral(low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return int dG / S in Pa^2 between arrays of ends (k,) by Gauss's rule."""
+        """Return int dG / S from `low` to `high`, (k,) in Pa^2, by Gauss's rule."""
         points = low[:, None] + (high - low)[:, None] * _POINTS
         return np.asarray((high - low) * ((1 / factor(points)) @ _WEIGHTS))
 

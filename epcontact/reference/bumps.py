@@ -244,10 +244,15 @@ def _contact_fraction(scene: Scene) -> float:
 
 
 def _pressure_at(scene: Scene, distance: FloatArray) -> FloatArray:
-    """Return the pressure in Pa at distances in m from the bump's summit, of any shape.
+    """Return the pressure in Pa at given distances from the bump's summit.
 
     Under a sphere it is the semi-ellipse that carries the load on the contact area of
-    the periodic problem; the images change it by less than (a/L)^5.
+    the periodic problem; the images change it by less than (a/L)^5, with the contact
+    radius a and the period L.
+
+    Args:
+        scene: The surface, the material and the load; the last load is used.
+        distance: In m, of any shape.
 
     Raises:
         InvalidCase: The scene is no elastic half-space with one round bump in a square

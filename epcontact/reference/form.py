@@ -123,7 +123,12 @@ class ClosedForm:
             )
 
     def elastic_half_space(self, scene: Scene) -> float:
-        """Return E* in Pa of an elastic half-space; raise InvalidCase for others."""
+        """Return the effective modulus E* in Pa of a scene's elastic half-space.
+
+        Raises:
+            InvalidCase: The scene's body is a layer, or its material has a finite
+                hardness.
+        """
         elastic = scene.material.hardness == math.inf
         self.require(
             elastic and scene.body.kind == "half_space", "an elastic half-space"

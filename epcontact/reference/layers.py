@@ -122,7 +122,10 @@ def lame_compliance(depth: float, young_modulus: float, poisson_ratio: float) ->
 def uniaxial_yield_pressure(material: Material) -> float:
     """Return the pressure in Pa at which a layer in uniaxial strain yields.
 
-    It is Y (1 - nu)/(1 - 2 nu) with the yield stress Y, by von Mises and by Tresca.
+    It is Y (1 - nu)/(1 - 2 nu) by von Mises and by Tresca.
+
+    Args:
+        material: With the yield stress Y in Pa and Poisson's ratio nu below 0.5.
     """
     nu = material.poisson_ratio
     return material.yield_stress * (1 - nu) / (1 - 2 * nu)
@@ -209,6 +212,9 @@ def _full_energy(scene: Scene) -> float:
     It is half of the mean of pressure times displacement, which is that of the heights
     and of the mean load.
 
+    Args:
+        scene: The surface, the material, the body and the load; the last load is used.
+
     Raises:
         InvalidCase: The load leaves a gap, or the body flows.
     """
@@ -263,51 +269,62 @@ FLAT = _Flat("flat", "a level layer under uniform pressure, in uniaxial strain (
 
 @FLAT.gives("area.plastic", "quantity.plastic_volume")
 def _has_flowed(scene: Scene) -> float:
-    """Return 1.0 if a level layer has yielded along the load path, else 0.0."""
+    """Return 1.0 if a level layer has yielded along the load path, else 0.0.
+
+    `scene` holds the material and the mean pressures of the path.
+    """
     return float(max(scene.load.path) > uniaxial_yield_pressure(scene.material))
 
 
 @FLAT.gives("area.total")
 def _flat_area(scene: Scene) -> float:
-    """Return 1, the contact area of a level layer."""
+    """Return 1, the contact area of a level layer; `scene` is not used."""
     del scene
     return 1.0
 
 
 @FLAT.gives("area.elastic")
 def _flat_elastic_area(scene: Scene) -> float:
-    """Return the elastic area of a level layer: 1, or 0 if the layer has yielded."""
+    """Return the elastic area of a level layer: 1, or 0 if the layer has yielded.
+
+    The area is a fraction; `scene` holds the material and the mean pressures of the
+    path.
+    """
     return 1 - _has_flowed(scene)
 
 
 @FLAT.gives("quantity.plastic_depth")
 def _plastic_depth(scene: Scene) -> float:
-    """Return the depth of a level layer's plastic zone in m: all of the layer, or 0."""
+    """Return the depth of a level layer's plastic zone in m: all of the layer, or 0.
+
+    `scene` holds the material, the depth of the layer and the mean pressures of the
+    path.
+    """
     return _has_flowed(scene) * scene.body.depth
 
 
 @FLAT.gives("quantity.mean_contact_pressure", "quantity.largest_pressure")
 def _flat_pressure(scene: Scene) -> float:
-    """Return the uniform pressure of a level layer in Pa, that of the last load."""
+    """Return the uniform pressure of a level layer at the last load, in Pa."""
     return scene.load.final
 
 
 @FLAT.gives("field.pressure")
 def _flat_pressure_field(scene: Scene) -> FloatArray:
-    """Return the uniform pressure in Pa at each grid point, that of the last load."""
+    """Return the uniform pressure in Pa at each grid point, at the last load."""
     return np.full(scene.surface.shape, scene.load.final)
 
 
 @FLAT.gives("distribution")
 def _flat_distribution(scene: Scene) -> PressureDistribution:
-    """Return the distribution of the uniform pressure of the last load, a step."""
+    """Return the distribution of the uniform pressure at the last load, a step."""
     p0 = scene.load.final
     pressure = np.array([0, p0 * (1 - 1e-12), p0])
     return PressureDistribution(pressure, np.array([0.0, 0.0, 1.0]))
 
 
 def _bulk_modulus(material: Material) -> float:
-    """Return K = E/(3 (1 - 2 nu)) in Pa."""
+    """Return the bulk modulus K = E/(3 (1 - 2 nu)) of a material, in Pa."""
     return material.young_modulus / (3 * (1 - 2 * material.poisson_ratio))
 
 
@@ -318,6 +335,10 @@ def _compression(scene: Scene) -> float:
     The strain is p/M up to the yield pressure, with the oedometric modulus M, and grows
     with the bulk modulus beyond.  Unloading is elastic while the pressure falls by less
     than twice the yield pressure.
+
+    Args:
+        scene: The material, the depth of the layer, the mean pressures of the path, and
+            the heights, whose largest value is where the approach begins.
 
     Raises:
         InvalidCase: The load path is not one loading and elastic unloading.
@@ -343,7 +364,8 @@ def _compression(scene: Scene) -> float:
 def _plastic_strain(scene: Scene) -> float:
     """Return the equivalent plastic strain of a level layer after its largest load.
 
-    It is two thirds, the deviatoric part, of the strain since yield.
+    It is two thirds, the deviatoric part, of the strain since yield.  `scene` holds the
+    material and the mean pressures of the path.
     """
     yield_pressure = uniaxial_yield_pressure(scene.material)
     excess = max(0.0, max(scene.load.path) - yield_pressure)
@@ -354,7 +376,8 @@ def _plastic_strain(scene: Scene) -> float:
 def _plastic_work(scene: Scene) -> float:
     """Return the plastic work of a level layer, in J per m^2 of nominal area.
 
-    It is the yield stress times the plastic strain times the depth.
+    It is the yield stress times the plastic strain times the depth.  `scene` holds the
+    material, the depth of the layer and the mean pressures of the path.
     """
     strain = _plastic_strain(scene)
     if strain == 0:
@@ -366,8 +389,13 @@ def _plastic_work(scene: Scene) -> float:
 def _elastic_energy(scene: Scene) -> float:
     """Return the elastic energy of a layer in uniaxial strain, in J per m^2.
 
-    It is (p^2/(2 K) + q^2/(6 mu)) d, with the mean stress p and the difference q of the
-    principal stresses; flow keeps q at the yield stress.
+    It is (p^2/(2 K) + q^2/(6 mu)) d, with the mean stress p, the difference q of the
+    principal stresses, the bulk modulus K, the shear modulus mu and the depth d.  Flow
+    keeps q at the yield stress.
+
+    Args:
+        scene: The material, the depth of the layer and the mean pressures of the path,
+            after the last of which the energy is stored.
     """
     material = scene.material
     M = oedometric_modulus(material)

@@ -91,7 +91,8 @@ def rms_slope(scene: Scene) -> float:
 def _half_variance(scene: Scene) -> float:
     """Return half the variance of the pressure in full contact, in Pa^2.
 
-    It is E*^2 xi^2/8, with the effective modulus E* and the rms slope xi.
+    It is E*^2 xi^2/8, with the effective modulus E* of the scene's material and the rms
+    slope xi of its surface.
     """
     return effective_modulus(scene.material) ** 2 * rms_slope(scene) ** 2 / 8
 
