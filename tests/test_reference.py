@@ -4,6 +4,7 @@ towards them.
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import mpmath
 import numpy as np
@@ -104,7 +105,7 @@ def test_cylinders_in_a_row():
         )
         found = bumps.cylinder_half_width_periodic(force, RADIUS, MODULUS, L)
         assert found == pytest.approx(a, rel=1e-13)
-        assert 2 * integral(lambda x, a=a: pressure(x, a), 0, a) == pytest.approx(
+        assert 2 * integral(partial(pressure, a=a), 0, a) == pytest.approx(
             force, rel=1e-8
         )
     x = np.arange(1 << 15) * L / (1 << 15)

@@ -142,11 +142,9 @@ def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(
         if done == 3:
             raise KeyboardInterrupt
 
-    path, folder, far = (
-        swept(),
-        tmp_path / "small" / "fast",
-        Elsewhere(tmp_path / "far"),
-    )
+    path = swept()
+    folder = tmp_path / "small" / "fast"
+    far = Elsewhere(tmp_path / "far")
     whole = sweep.run_sweep(path, output=tmp_path / "whole", executor=lambda: far)
     assert not list(far.folder.iterdir())
     with pytest.raises(KeyboardInterrupt):
@@ -203,7 +201,8 @@ def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
     """Failed tasks are counted by reason with exit code 2, and solved by the next run;
     a load path counts as one task.
     """
-    path, real = swept(), METHODS["persson"]
+    path = swept()
+    real = METHODS["persson"]
     command = ("sweep", path, "--output", tmp_path, "--jobs", "1")
 
     def heavy(scene, *rest):
@@ -302,8 +301,11 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
     """A sweep of 48 tasks that is killed ten times at random moments loses no finished
     task and ends with the table of an unbroken one.
     """
-    path, output, moments = swept(MANY, ONE), tmp_path / "killed", random.Random(7)
-    whole, solved = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1), []
+    path = swept(MANY, ONE)
+    output = tmp_path / "killed"
+    moments = random.Random(7)
+    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
+    solved = []
     command = [
         sys.executable,
         "-m",

@@ -138,8 +138,8 @@ def by_hardness():
         LoadStep(2.5e8, {"corrected": Areas(t, t - p, p)}, quantities={"mean_gap": g})
         for t, p, g in ((0.12, 0.05, 3e-6), (0.14, 0.08, 2.6e-6), (0.1, 0.03, 3.5e-6))
     )
-    told = with_hardness_error(step, soft, hard, METALLIC)
-    return posts()[0], ContactResult("bem", (told,), Provenance("x"))
+    final = with_hardness_error(step, soft, hard, METALLIC)
+    return posts()[0], ContactResult("bem", (final,), Provenance("x"))
 
 
 POSTS = {
@@ -188,8 +188,9 @@ def test_value(made, name, value):
     the scene and its result.
     """
     scene, found = made()
-    told = scalar_quantities(found)
-    result = told[name] if name in told else measure(name, scene, found)
+    result = scalar_quantities(found).get(name)
+    if result is None:
+        result = measure(name, scene, found)
     assert result == pytest.approx(value, rel=2e-6, abs=1e-12, nan_ok=True)
 
 
@@ -210,31 +211,28 @@ def test_counts_are_those_of_the_steps_and_residuals_those_of_the_tolerance():
     The estimated errors of the areas cover the areas of the posts, and the residual of
     a loose solve is the largest gap under a touching point over the rms height.
     """
-    (_, one), (_, flow) = posts(), strain()
+    _, of_posts = posts()
+    _, flow = strain()
     rough = 1e-7 * np.random.default_rng(5).normal(size=(8, 6))
     scene = Scene(Surface(rough, (1e-3, 0.6e-3)), METAL, Load(2e8))
     path = bem.solve(replace(scene, load=Load((2e8, 4e8, 1e8))), threads=1)
-    for part in (
-        "total",
-        "elastic",
-        "plastic",
-    ):  # the claims of areas cover those of the posts
-        corrected, error = (
-            getattr(one.final.areas[kind], part) for kind in ("corrected", "error")
-        )
+    for part in ("total", "elastic", "plastic"):
+        corrected = getattr(of_posts.final.areas["corrected"], part)
+        error = getattr(of_posts.final.areas["error"], part)
+        # 0.018 of the nominal area is the largest error that may be estimated here.
         assert 0 < abs(corrected - POSTS[f"area.{part}.raw"]) <= error < 0.018
-    for found in (one, flow, path):
+    for found in (of_posts, flow, path):
         for cost, step in SUMS[found.method].items():
-            assert (
-                found.cost[cost]
-                == sum(each.iterations[step] for each in found.steps)
-                > 0
-            )
+            total = sum(load.iterations[step] for load in found.steps)
+            assert found.cost[cost] == total > 0
         assert 0 < found.cost["seconds"] < 600
         assert found.final.iterations["newton"] >= 1
         assert found.final.iterations["cg"] >= found.final.iterations["newton"]
         assert 0 <= max(found.final.residuals.values()) <= 1e-8
-    assert (one.final.iterations["levels"], one.final.iterations["gradient"]) >= (1, 0)
+    assert (
+        of_posts.final.iterations["levels"],
+        of_posts.final.iterations["gradient"],
+    ) >= (1, 0)
     assert flow.cost["most_newton_steps"] <= flow.cost["newton_steps"]
     assert flow.cost["unknowns"] == 3 * 6 * 3
     assert (

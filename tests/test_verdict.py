@@ -312,11 +312,11 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
         (0.005, "falls short"),
         (math.nan, "falls short"),
     ):
-        told = of_bem(0.1, claim=claim)["bem"].results[0]
-        theirs = replace(
-            told, provenance=replace(told.provenance, options={"solver": "x"})
+        result = of_bem(0.1, claim=claim)["bem"].results[0]
+        by_other_solver = replace(
+            result, provenance=replace(result.provenance, options={"solver": "x"})
         )
-        given = of_bem(0.1, claim=0.03, fem=MethodResults((theirs,), ("a",)))
+        given = of_bem(0.1, claim=0.03, fem=MethodResults((by_other_solver,), ("a",)))
         assert judge_case(gates, given).gates[1].status == status
 
 
@@ -340,18 +340,15 @@ def test_what_a_gate_verifies_and_on_what_it_rests(named):
     `named` is a case, a quantity and a reference, then after the colon the expected
     kind and subject.
     """
-    name, quantity, against, told = [
-        *named.strip().split(" ", 3)[:3],
-        named.split(": ")[1],
-    ]
+    place, _, expected = named.strip().partition(": ")
+    name, quantity, against = place.split(" ")
     case = load_case(find_case(name))
-    places = {(g.quantity, f"{g.against}"): g for g in case.gates}
-    gate = places[quantity, against.rstrip(":")]
-    assert f"{kind_of(case, gate)}, {subject_of(case, gate)}" == told
-    mine = replace(
-        gate, of="mine"
-    )  # a solver that is judged does not change its reference
-    assert kind_of(case, mine) == told.partition(",")[0]
+    gates = {(gate.quantity, f"{gate.against}"): gate for gate in case.gates}
+    gate = gates[quantity, against]
+    assert f"{kind_of(case, gate)}, {subject_of(case, gate)}" == expected
+    # A user's solver in the place of the method leaves the kind of the reference.
+    on_solver = replace(gate, of="mine")
+    assert kind_of(case, on_solver) == expected.partition(",")[0]
 
 
 def test_files_say_what_the_verdict_says(case, tmp_path):
@@ -365,9 +362,9 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     case = case.changed(
         gates=(replace(case.gates[0], quantity="area.plastic.corrected"),)
     )
-    made = Provenance("digest", versions={"numpy": "1.0"})
+    provenance = Provenance("digest", versions={"numpy": "1.0"})
     older = replace(
-        bem, results=tuple(replace(r, provenance=made) for r in bem.results)
+        bem, results=tuple(replace(r, provenance=provenance) for r in bem.results)
     )
     judged = Verdict.on([judge_case(case, of_bem(bem=older))], "fast")
     write_verdict(judged, tmp_path)
@@ -376,14 +373,16 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
         exclude={"digest"}
     )
     assert written.versions["numpy"] == f"1.0, {np.__version__}"
-    (told,) = written.cases[0].gates
-    assert told.difference.mean == pytest.approx(0.21)
-    assert told.value.claimed_error == pytest.approx(0.7 * 0.002)
-    assert told.grid_error == pytest.approx(0.7 * 0.002 / 0.05)
+    (gate_verdict,) = written.cases[0].gates
+    assert gate_verdict.difference.mean == pytest.approx(0.21)
+    assert gate_verdict.value.claimed_error == pytest.approx(0.7 * 0.002)
+    assert gate_verdict.grid_error == pytest.approx(0.7 * 0.002 / 0.05)
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
-    told = {p.attrib["name"]: p.attrib["value"] for p in suites.iter("property")}
-    assert told == {
+    properties = {}
+    for element in suites.iter("property"):
+        properties[element.attrib["name"]] = element.attrib["value"]
+    assert properties == {
         "reference": "method here",
         "verifies": "theory – boundary elements",
     }
@@ -403,18 +402,20 @@ def test_a_verdict_says_when_where_and_by_which_sources(written, tmp_path, monke
         platform, "uname", lambda: namedtuple("U", names)(*map("my-{}".format, names))
     )
     before = datetime.now(UTC).replace(microsecond=0)
-    told = []
-    again = verify(written / "small.toml", jobs=1, output=tmp_path, on_case=told.append)
-    assert told == [*again.cases]
-    made = again.made
-    assert made.version == version("epcontact")
-    assert before <= datetime.fromisoformat(made.date) <= datetime.now(UTC)
-    assert (made.cores, made.system) == (available_cores(), "my-system my-machine")
+    judged_cases = []
+    second = verify(
+        written / "small.toml", jobs=1, output=tmp_path, on_case=judged_cases.append
+    )
+    assert judged_cases == [*second.cases]
+    run = second.made
+    assert run.version == version("epcontact")
+    assert before <= datetime.fromisoformat(run.date) <= datetime.now(UTC)
+    assert (run.cores, run.system) == (available_cores(), "my-system my-machine")
     assert (
         "my-node"
         not in (tmp_path / JSON).read_text() + (tmp_path / "junit.xml").read_text()
     )
-    assert [case.gates for case in again.cases] == [case.gates for case in first.cases]
+    assert [case.gates for case in second.cases] == [case.gates for case in first.cases]
 
 
 def git(folder, *words):
@@ -498,14 +499,14 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
         )
         spread = answer["ensemble"]["areas"][kind]["plastic"]
         parts = [member["areas"][kind]["plastic"] for member in members]
-        known = (
+        expected = (
             fmean(parts),
             np.std(parts, ddof=1),
             4.302653 / 3**0.5 * np.std(parts, ddof=1),
         )
-        assert [*spread.values()] == pytest.approx(known, rel=1e-6)
-    force = [member["residuals"]["gap_elastic"] for member in members]
-    assert answer["residuals"]["gap_elastic"] == max(force) > min(force)
+        assert [*spread.values()] == pytest.approx(expected, rel=1e-6)
+    residuals = [member["residuals"]["gap_elastic"] for member in members]
+    assert answer["residuals"]["gap_elastic"] == max(residuals) > min(residuals)
 
 
 def test_a_run_that_ends_in_an_error_leaves_no_verdict(tmp_path, monkeypatch):
@@ -581,8 +582,10 @@ def test_a_file_that_was_edited_is_refused(written, tmp_path, file):
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     Verdict.read(folder / JSON)
     content = json.loads((folder / file).read_text())
-    part = content if file == BEM else content["cases"][0]["gates"][1]
-    part["mean_pressure" if file == BEM else "status"] = "holds"
+    if file == BEM:
+        content["mean_pressure"] = "holds"
+    else:
+        content["cases"][0]["gates"][1]["status"] = "holds"
     (folder / file).write_text(json.dumps(content))
     for command in (
         ("report", folder),

@@ -251,18 +251,20 @@ def scene(kind, seed, points=64):
     """Draw the random `Scene` of a kind and a seed, on `points` grid points a side."""
     rng = np.random.default_rng([seed, *kind.encode()])
     per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
-    shape = (
-        (3 * points // 4, 3 * points // 2)
-        if kind == "oblong cells"
-        else (points, points)
-    )
-    hardness = 10 ** rng.uniform(-1.0, 0.1) if rng.uniform() < 0.6 else math.inf
+    shape = (points, points)
+    if kind == "oblong cells":
+        shape = (3 * points // 4, 3 * points // 2)
+    hardness = math.inf
+    if rng.uniform() < 0.6:
+        hardness = 10 ** rng.uniform(-1.0, 0.1)
     load, after = 10 ** rng.uniform(-2.2, 0.0), 1.0
     if kind.startswith("unloaded"):
         hardness, after = 10 ** rng.uniform(-1.0, 0.08), 10 ** rng.uniform(-1.7, 0.0)
         load = hardness * 10 ** rng.uniform(-2, -0.3)
     load = min(load, 0.7 * hardness)
-    depth = 10 ** rng.uniform(-1.5, -0.5) if kind == "layers" else 1e3
+    depth = 1e3  # as good as a half-space
+    if kind == "layers":
+        depth = 10 ** rng.uniform(-1.5, -0.5)
     high, drawn = max(int(min(shape) // per_wave), 2), int(rng.integers(1 << 31))
     one = Member(shape, (1.0, 1.0), load, hardness, high, KINDS[kind], drawn)
     return Scene(kind, seed, one, depth, after)

@@ -138,9 +138,9 @@ def figures(name, exact, values):
     the dictionary begin with `name`.
     """
     mean = np.mean(values)
-    deviation = (
-        np.std(values, ddof=1) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    )
+    deviation = math.nan
+    if len(values) > 1:
+        deviation = np.std(values, ddof=1) / math.sqrt(len(values))
     return {
         name: mean,
         f"{name}_scatter": deviation / mean,
@@ -208,15 +208,14 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
     ends = max(wide[0], 4 * roll), wide[1]
     wide = round(float(np.exp(random.uniform(*np.log(ends)))))
     elastic = random.random() < 0.15
-    hardness = (
-        math.inf if elastic else float(np.exp(random.uniform(*np.log([0.06, 3.0]))))
-    )
+    hardness = math.inf
+    if not elastic:
+        hardness = float(np.exp(random.uniform(*np.log([0.06, 3.0]))))
     share = 1 / (1 + math.exp(-random.uniform(-6.2, heaviest)))
-    load = (
-        float(np.exp(random.uniform(*np.log([0.005, 0.8 if heaviest > 0 else 0.05]))))
-        if elastic
-        else share * hardness
-    )
+    load = share * hardness
+    if elastic:
+        largest_load = 0.8 if heaviest > 0 else 0.05
+        load = float(np.exp(random.uniform(*np.log([0.005, largest_load]))))
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll * LOWEST, wide * LOWEST, 1.0)
     periods = (2 * math.pi / LOWEST,) * 2
     points = (4 * wide,) * 2
