@@ -1,5 +1,4 @@
-"""epcontact: one rough elastoplastic contact scene, answered by three methods and
-compared.
+"""epcontact: solve one rough elastoplastic contact by three methods and compare them.
 
 Conventions of every module
 ---------------------------
@@ -27,7 +26,7 @@ strength      hardness (sigma_P, caps the contact pressure) and yield_stress
               ratio comes from
 tolerances    dimensionless: a gap is divided by h_rms (by p0 dx / E* for a flat
               surface), a pressure by the mean pressure, a force by the nominal force
-areas         fractions of the nominal area, raw (share of grid points) and
+areas         fractions of the nominal area, raw (fraction of grid points) and
               corrected (in the limit of a vanishing grid spacing)
 units         SI
 similarity    for one shape of the spectrum, small-slope contact with a pressure cap
@@ -89,8 +88,8 @@ __all__ = [
     "verify",
 ]
 
-#: The modules that define these names; two more bring the solvers, so they are asked
-#: last.
+#: The modules that define these names.  Two more modules import the solvers, and are
+#: therefore searched last.
 _HOMES = (
     "scene",
     "results",
@@ -101,17 +100,19 @@ _HOMES = (
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for, so that `import epcontact` costs
-    nothing.
+    """Import and return a public name when it is first used.
+
+    `import epcontact` itself is therefore fast.  Raises AttributeError for any name
+    that is not public.
     """
-    for home in (
-        (*_HOMES, "harness.verdict", "pictures.charts") if name in __all__ else ()
-    ):
-        module = importlib.import_module(f"epcontact.{home}")
-        if hasattr(module, name):
-            return getattr(module, name)
+    if name in __all__:
+        for home in (*_HOMES, "harness.verdict", "pictures.charts"):
+            module = importlib.import_module(f"epcontact.{home}")
+            if hasattr(module, name):
+                return getattr(module, name)
     raise AttributeError(f"module 'epcontact' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
+    """Return the public names."""
     return __all__

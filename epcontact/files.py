@@ -166,7 +166,7 @@ def require_writable(folder: Path | str) -> None:
 
 
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
-    """Return the first `count` bytes of a file, or all of them if `count` is -1.
+    """Return the first `count` bytes of the file `path`, or all if `count` is -1.
 
     Raises OutputError if the file cannot be read.
     """

@@ -161,6 +161,7 @@ class _Kernels:
     """
 
     def __init__(self) -> None:
+        """Start with no work on kernels, and without a lock."""
         self.depth = 0
         self.total = 0.0
         self.started = 0.0
@@ -330,7 +331,10 @@ def provide_kernel_cache() -> None:
                 del context.refresh
 
     def cache_of(function: Any) -> Any:
-        """Return a new cache for a kernel: `Cache` for those of _PACKAGES."""
+        """Return a new cache for a kernel: `Cache` for those of _PACKAGES.
+
+        function: the Python function of the kernel.
+        """
         package = function.__module__.partition(".")[0]
         if package in _PACKAGES:
             return Cache(function)

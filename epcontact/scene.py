@@ -54,11 +54,12 @@ class SelfAffineSpectrum:
     rms_slope: float  #: The root mean square of the gradient xi, in m/m.
 
     def __post_init__(self) -> None:
+        """Turn the values into floats; raise InvalidScene if one is not valid."""
         for name in ("wavenumber_low", "wavenumber_roll_off", "wavenumber_high"):
             set_frozen(self, **{name: positive(name, getattr(self, name), "rad/m")})
         slope = positive("rms_slope", self.rms_slope, "m/m")
         expected = "a number between 0 and 1"
-        hurst = number("hurst", self.hurst, expected, lambda h: 0 <= h <= 1)
+        hurst = number("hurst", self.hurst, expected, lambda value: 0 <= value <= 1)
         set_frozen(self, hurst=hurst, rms_slope=slope)
         low = self.wavenumber_low
         roll_off = self.wavenumber_roll_off
@@ -110,6 +111,11 @@ class Surface:
     filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
+        """Check the fields and make them read-only; add notes about doubtful heights.
+
+        Each note is issued as a SurfaceWarning.  Raises InvalidScene if a field is not
+        valid.
+        """
         given = checked_heights(self.heights, "heights")
         heights = _read_only(np.ascontiguousarray(given, dtype=np.float64))
         periods = tuple(positive("periods", p, "m") for p in as_tuple(self.periods))
@@ -141,9 +147,11 @@ class Surface:
         )
 
     def __hash__(self) -> int:
+        """Return a hash that equal surfaces share."""
         return hash((self.shape, self.periods))
 
     def __repr__(self) -> str:
+        """Return the points, the lengths of the sides in m, and the rms slope."""
         points = " x ".join(str(n) for n in self.shape)
         sides = " x ".join(f"{length:.4g}" for length in self.periods)
         slope = f"rms slope {self.rms_slope:.3g}"
@@ -196,12 +204,13 @@ class Material:
 
     young_modulus: float  #: Young's modulus E, in Pa.
     poisson_ratio: float  #: Poisson's ratio nu, between -1 and 0.5.
-    hardness: float = (
-        math.inf
-    )  #: The contact pressure sigma_P at which it flows, in Pa.
-    yield_stress: float = math.inf  #: The yield stress sigma_Y of J2 flow, in Pa.
+    #: The contact pressure sigma_P at which it flows, in Pa; infinite if it does not.
+    hardness: float = math.inf
+    #: The yield stress sigma_Y of J2 flow, in Pa; infinite if it does not flow.
+    yield_stress: float = math.inf
 
     def __post_init__(self) -> None:
+        """Turn the values into floats; raise InvalidScene if one is out of range."""
         expected = "a number between -1 and 0.5, both excluded"
         ratio = number(
             "poisson_ratio", self.poisson_ratio, expected, lambda nu: -1 < nu < 0.5
@@ -227,6 +236,7 @@ class Body:
     depth: float = math.inf  #: Depth of a layer in m; infinite for a half-space.
 
     def __post_init__(self) -> None:
+        """Check the fields; raise InvalidScene if the depth does not fit the kind."""
         require_one_of("body kind", self.kind, BodyKind)
         if self.kind == "half_space":
             expected = "left out, as a half_space takes no depth"
@@ -249,6 +259,7 @@ class Load:
     mean_pressure: float | tuple[float, ...]  #: In Pa; a tuple once it is checked.
 
     def __post_init__(self) -> None:
+        """Turn the pressures into a tuple; raise InvalidScene if one is not valid."""
         given = as_tuple(self.mean_pressure)
         message = "mean_pressure is an empty path; give at least one pressure"
         _require(len(given) > 0, message)
@@ -268,12 +279,16 @@ class Load:
 
     @property
     def non_decreasing(self) -> bool:
-        """True if the path never unloads."""
+        """True if no mean pressure of the path is below the one before it."""
         return all(a <= b for a, b in itertools.pairwise(self.path))
 
 
 def _later_pressure(given: Any) -> float:
-    """Return a pressure after the first of a path in Pa: positive, or 0."""
+    """Return a mean pressure (Pa) that is not the first of a path, as a float.
+
+    given: what the user gave.  Raises InvalidScene if it is no positive number and not
+    0, or not between SMALLEST and LARGEST.
+    """
     expected = "a positive number in Pa, or 0 after the first"
     pressure = number("mean_pressure", given, expected, lambda p: p >= 0)
     if pressure == 0:
@@ -303,6 +318,10 @@ class Scene:
     body: Body = field(default_factory=Body)  #: What is under the surface.
 
     def __post_init__(self) -> None:
+        """Check the types, and that the load is below the hardness.
+
+        Raises InvalidScene otherwise.
+        """
         require_kind("surface", self.surface, Surface)
         require_kind("material", self.material, Material)
         require_kind("load", self.load, Load)
@@ -333,8 +352,12 @@ def scene_digest(
 ) -> str:
     """Return the SHA-256 of everything that a scene holds, as hexadecimal digits.
 
-    A recipe gives the fingerprint, the shape and the periods (m) of its surface before
-    any heights exist; see `Surface.fingerprint`.
+    A recipe (the instructions for a generated surface) gives the first three arguments
+    before any heights exist.
+
+    fingerprint: text that identifies the heights, see `Surface.fingerprint`; shape: of
+    the heights; periods: lengths in m after which the heights repeat; material, body,
+    load: of the scene.
     """
     content: dict[str, Any] = {
         "surface": fingerprint,
@@ -348,7 +371,10 @@ def scene_digest(
 
 
 def check_load(material: Material, load: Load) -> None:
-    """Raise InvalidScene if a mean pressure of the path reaches the hardness."""
+    """Raise InvalidScene if a mean pressure of the load reaches the hardness.
+
+    No contact can carry such a load.  material: its hardness, in Pa, may be infinite.
+    """
     largest = max(load.path)
     _require(
         largest < material.hardness,
@@ -358,7 +384,7 @@ def check_load(material: Material, load: Load) -> None:
 
 
 def check_loading(material: Material, load: Load) -> None:
-    """Check a load path for a method that cannot follow plastic flow when it unloads.
+    """Check a load path for a method that cannot follow plastic flow on unloading.
 
     Raises:
         InvalidScene: The path unloads a material of finite hardness, or falls to 0.
@@ -469,7 +495,8 @@ def require_usable(heights: NDArray[Any], where: str, missing: str = "refuse") -
 def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
     """Return the mask of filled heights, read-only; None if it marks no point.
 
-    Raises InvalidScene if it is not an array of booleans of the heights' shape.
+    given: the mask of the user, or None; shape: that of the heights.  Raises
+    InvalidScene if the mask is not an array of booleans of this shape.
     """
     if given is None:
         return None
@@ -483,7 +510,7 @@ def _checked_mask(given: Any, shape: tuple[int, ...]) -> NDArray[np.bool_] | Non
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array that nobody can write to: itself, or else a read-only copy."""
+    """Return the array itself if nobody can write to it, otherwise a read-only copy."""
     if array.flags.writeable or array.base is not None:
         array = array.copy()
         array.flags.writeable = False
@@ -494,10 +521,12 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
-    """Return a warning if heights of a type have so few levels as those of a picture.
+    """Return a warning for heights that are booleans or integers of 8 bits.
 
-    The tuple holds one sentence for booleans and integers of 8 bits, and none for other
-    types of numbers.
+    Such heights have as few levels as a picture.  The tuple holds one sentence for
+    them, and none for other types of numbers.
+
+    kind: type of the heights.
     """
     if kind.kind not in "bui" or kind.itemsize > 1:
         return ()
@@ -509,7 +538,11 @@ def levels_note(kind: np.dtype[Any]) -> tuple[str, ...]:
 
 
 def _suspicions(surface: Surface) -> list[str]:
-    """Return a sentence for each sign that a surface is not what its user means."""
+    """Return warnings about a surface that is probably not what its user means.
+
+    There is one sentence each for a large rms slope, for heights in steps and for
+    oblong cells.
+    """
     slope = (surface.spectrum or surface).rms_slope
     sentences = []
     if slope > 1:
@@ -582,7 +615,7 @@ _CREATORS = ("epcontact.scene", "epcontact.surfaces", "dataclasses")
 
 
 def warn_user(notes: tuple[str, ...]) -> tuple[str, ...]:
-    """Issue a SurfaceWarning for each note, and return the notes.
+    """Issue a SurfaceWarning for each note (a sentence), and return the notes.
 
     Python shows the line of the user's program that creates the surface.  There is no
     warning if the package itself creates the surface, whose notes are in the result.
@@ -597,7 +630,11 @@ def warn_user(notes: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _module_at(level: int) -> str:
-    """Return the name of the module so many calls above the function that asks."""
+    """Return the name of the module `level` calls above the caller's function.
+
+    Level 0 is the module of the caller; "" stands for code without a module.  Raises
+    ValueError if there are fewer calls.
+    """
     name: str = sys._getframe(level + 1).f_globals.get("__name__", "")
     return name
 
@@ -610,7 +647,7 @@ SMALLEST, LARGEST = 1e-40, 1e40
 
 
 def _require(condition: bool, message: str) -> None:
-    """Raise InvalidScene with a message unless a condition holds."""
+    """Raise InvalidScene with the message if the condition is false."""
     if not condition:
         raise InvalidScene(message)
 
@@ -650,7 +687,7 @@ def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
         name: what the number is called in messages.
         given: what the user gave.
         unit: its unit, for messages.
-        finite: whether infinity is refused.
+        finite: whether infinity raises an error; otherwise it is returned.
 
     Raises:
         InvalidScene: It is no such number, or not between SMALLEST and LARGEST.
@@ -670,7 +707,8 @@ def positive(name: str, given: Any, unit: str, *, finite: bool = True) -> float:
 def fraction(name: str, given: Any) -> float:
     """Return a number between 0 and 1 as a float, such as a tolerance.
 
-    Raises InvalidScene, with the name of the number, if it is not above 0 and below 1.
+    name: what the number is called in messages; given: what the user gave.  Raises
+    InvalidScene if it is not a number above 0 and below 1.
     """
     expected = "a number between 0 and 1, both excluded"
     return number(name, given, expected, lambda v: 0 < v < 1)
@@ -679,8 +717,8 @@ def fraction(name: str, given: Any) -> float:
 def integer(name: str, given: Any, least: int) -> int:
     """Return a whole number, such as 3 or 3.0, as an int.
 
-    Raises InvalidScene, with the name of the number, if it is below `least` or not
-    whole.
+    name: what the number is called in messages; given: what the user gave.  Raises
+    InvalidScene if it is not a whole number, or below `least`.
     """
     expected = f"a whole number of at least {least}"
     number(name, given, expected, lambda v: v >= least and v.is_integer())
@@ -690,7 +728,9 @@ def integer(name: str, given: Any, least: int) -> int:
 def array(name: str, given: Any) -> FloatArray:
     """Return an array of 64-bit floats in the byte order of this machine.
 
-    Raises InvalidScene, with the name of the array, if it does not hold real numbers.
+    The array itself is returned if it is one already.  name: what the array is called
+    in messages; given: what the user gave.  Raises InvalidScene if it does not hold
+    real numbers.
     """
     with contextlib.suppress(TypeError, ValueError):
         values = np.asarray(given)
@@ -710,19 +750,29 @@ def as_tuple(given: Any) -> tuple[Any, ...]:
 
 
 def require_kind(name: str, given: Any, kind: type) -> None:
-    """Raise InvalidScene if an input, called `name`, is not an instance of a class."""
+    """Raise InvalidScene if an input is not an instance of the class `kind`.
+
+    name: what the input is called in the message; given: the input.
+    """
     message = f"{name} is {given!r:.60}, but must be a {kind.__name__}"
     _require(isinstance(given, kind), message)
 
 
 def require_one_of(name: str, given: Any, words: Any) -> None:
-    """Raise InvalidScene if an input, called `name`, is no word of a Literal type."""
+    """Raise InvalidScene if an input is not one of the words of a Literal type.
+
+    name: what the input is called in the message; given: the input; words: the type,
+    such as `BodyKind`.
+    """
     choices = get_args(words)
     message = f"{name} is {given!r}, but must be one of {', '.join(choices)}"
     _require(given in choices, message)
 
 
 def set_frozen(instance: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass, which its `__post_init__` has checked."""
+    """Set fields of a frozen dataclass in place, for its `__post_init__`.
+
+    instance: the dataclass; values: the new values by the names of the fields.
+    """
     for name, value in values.items():
         object.__setattr__(instance, name, value)

@@ -53,7 +53,11 @@ def _is_finished(level: Level, iterate: Iterate, options: Options) -> bool:
 
 
 def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve by projected gradients from a feasible pressure; see `Baseline`."""
+    """Solve by projected gradients from a feasible pressure; return the last iterate.
+
+    level: the grid; p: (nx, ny) pressures in units of the mean pressure, from 0 to the
+    cap and of mean 1; options: tolerance and largest number of steps.
+    """
     iterate = first_iterate(level, p)
     length = level.step
     while not _is_finished(level, iterate, options):
@@ -62,7 +66,10 @@ def projected_gradient(level: Level, p: FloatArray, options: Options) -> Iterate
 
 
 def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve by relaxation from a feasible pressure; see `Baseline`.
+    """Solve by relaxation from a feasible pressure; return the last iterate.
+
+    level: the grid; p: (nx, ny) pressures in units of the mean pressure, from 0 to the
+    cap and of mean 1, overwritten; options: tolerance and largest number of steps.
 
     The factor omega K is the stiffness of the longest wave: larger factors are unstable
     for it.

@@ -433,8 +433,8 @@ def areas_and_quantities(
 def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -> Areas:
     """Return the error of areas on any body, from that on a half-space.
 
-    Areas are fractions of the nominal area; corrected and error are those of a
-    half-space of the same material.
+    scene: its body, material and spacing; raw, corrected, error: areas as fractions of
+    the nominal area, the last two for a half-space of the same material.
 
     On a layer this correction is uncertain: by twice the fraction by which the layer is
     stiffer than the half-space against waves of two spacings.
@@ -451,7 +451,10 @@ def _error_on_layers(scene: Scene, raw: Areas, corrected: Areas, error: Areas) -
 
 
 def _compression(scene: Scene, mean_pressure: float) -> float:
-    """Return the uniform displacement (m) of a layer's surface; 0 for a half-space."""
+    """Return the uniform displacement (m) of a layer's surface; 0 for a half-space.
+
+    scene: its body and material; mean_pressure: in Pa.
+    """
     if scene.body.kind == "half_space":
         return 0.0
     return mean_pressure * scene.body.depth / oedometric_modulus(scene.material)

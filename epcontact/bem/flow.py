@@ -109,6 +109,8 @@ def plastic_displacement(
 
     It is the plastic displacement before the load, `flow` in m (None: there was none),
     plus -g where the pressure is at the hardness, with the gap g of the solution.
+
+    problem: the load, on the heights that `flow` has left; solution: its solution.
     """
     w = solution.gap(problem.heights)
     w[solution.pressure < problem.hardness] = 0.0

@@ -153,6 +153,8 @@ def states(p: FloatArray, cap: float) -> StateArray:
 def kkt_residuals(level: Level, iterate: Iterate) -> dict[str, float]:
     """Return the largest violation of each optimality condition by name, dimensionless.
 
+    level: the grid; iterate: its pressures p, displacements and offset of the flat.
+
     gap_elastic is |g| where 0 < p < cap, and gap_sign is the wrong sign of g at a
     bound; both are divided by the level's gap scale.  bounds is the pressure beyond its
     bounds, and force is the error of the mean pressure, both by the mean pressure.

@@ -51,7 +51,10 @@ def bytes_per_point(pressure: float, hardness: float, stiffness: float) -> float
 
 
 def require_memory(surface: Surface, load: Load, material: Material) -> None:
-    """Raise NotEnoughMemory if a solve is estimated to need more than is free here."""
+    """Raise NotEnoughMemory if a solve is estimated to need more memory than is free.
+
+    surface, load, material: of the scene to be solved.
+    """
     pressure = load.final or max(load.path)
     stiffness = effective_modulus(material) * _sampled_slope(surface)
     heights = surface.heights
@@ -69,7 +72,8 @@ def require_memory(surface: Surface, load: Load, material: Material) -> None:
 def _sampled_slope(surface: Surface) -> float:
     """Return the rms slope (m/m) of a small part of the heights.
 
-    The part has the same size on all large grids, so that the estimate takes no time.
+    On a large grid the part is some rows and some columns of the surface, so that the
+    estimate takes little time.
     """
     heights = surface.heights
     if heights.ndim == 1:

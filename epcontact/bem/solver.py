@@ -185,7 +185,10 @@ def solve_problem(
 
 
 def _notes(iterate: Iterate) -> tuple[str, ...]:
-    """Return sentences for the user about fallbacks of a solve; none if it had none."""
+    """Return sentences for the user about fallbacks of a solve; none if it had none.
+
+    iterate: the state and the numbers of steps at the end of the solve.
+    """
     if not iterate.cut:
         return ()
     return (
@@ -202,7 +205,10 @@ def _coarse_guess(
 
     The start (nx, ny) is in units of the mean pressure, and uniform if no grid is
     coarser.  The work is the number of pairs of transforms of each coarser grid times
-    its points.  scale: length in m by which gap residuals are divided.
+    its points.
+
+    problem: the grid for which a start is needed; scale: length in m by which gap
+    residuals are divided; options: of the solve on the finest grid; workers: threads.
     """
     shape = coarser(problem.symbol)
     if shape is None:
@@ -280,7 +286,10 @@ def coarsened_heights(
     out = np.empty(shape)
 
     def cut(block: ComplexArray, columns: slice) -> ComplexArray:
-        """Return the modes (mx, columns) of the coarse grid from those of the fine."""
+        """Return modes of the coarse grid, (mx, columns).
+
+        block: (nx, columns) modes of the fine grid; columns: which columns these are.
+        """
         target = coarse[:, columns]
         target[:rows_kept] = block[:rows_kept]
         if mx < nx and rows_kept > 1:

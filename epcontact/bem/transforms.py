@@ -167,9 +167,12 @@ class Symbol:
     _cache: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def once(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Return function(self, *arguments), up to KEPT_POINTS from a cache.
+        """Return function(self, *arguments), from a cache if it was called before.
 
-        So one result serves all loads of a path and all surfaces of an ensemble.
+        One result then serves all loads of a path and all surfaces of an ensemble.
+        Results of grids above KEPT_POINTS points are not cached.
+
+        function: takes this symbol; arguments: further ones, hashable.
         """
         key = (function, *arguments)
         if key in self._cache:
@@ -184,13 +187,16 @@ class Symbol:
     def from_quarter(cls, values: FloatArray, shape: tuple[int, int]) -> Symbol:
         """Return the symbol of a compliance on the non-negative quarter of the modes.
 
-        values: (nx // 2 + 1, ny // 2 + 1) in m/Pa.
+        values: (nx // 2 + 1, ny // 2 + 1) in m/Pa; shape: (nx, ny) points of the grid.
         """
         i = np.arange(shape[0])
         return cls(values, np.minimum(i, shape[0] - i).astype(np.int32), shape)
 
     def coarsened(self, shape: tuple[int, int]) -> Symbol:
-        """Return the symbol of the same body on a coarser grid of the same periods."""
+        """Return the symbol of the same body on a coarser grid of the same periods.
+
+        shape: (mx, my) points of that grid, at most those of this one.
+        """
         i = np.fft.fftfreq(shape[0], 1 / shape[0]).astype(int)
         values = np.ascontiguousarray(self.values[:, : shape[1] // 2 + 1])
         return Symbol(values, self.rows[i], shape)

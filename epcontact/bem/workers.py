@@ -45,9 +45,10 @@ def ranges(size: int, step: int) -> list[slice]:
 
 
 def split(array: NDArray[Any], parts: list[slice]) -> list[NDArray[Any]]:
-    """Return a view of the array for each part, a range of its first index.
+    """Return a list of views array[part], one for each part.
 
-    A single part is assumed to be the complete array, which is returned itself.
+    parts: slices of the first index.  A single part is assumed to be the complete
+    array, which is returned itself.
     """
     if len(parts) == 1:
         return [array]
@@ -67,9 +68,11 @@ class Workers:
         self._pool = ThreadPoolExecutor(self._helpers) if threads > 1 else None
 
     def __enter__(self) -> Workers:
+        """Return these workers; the end of the `with` block stops the threads."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Stop the threads once they have finished."""
         if self._pool is not None:
             self._pool.shutdown()
 

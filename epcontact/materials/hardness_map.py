@@ -105,7 +105,7 @@ class MappedHardness:
 
     @property
     def source(self) -> str:
-        """What the hardness is based on, in words that follow a value."""
+        """The data behind the hardness, in words that follow a value in a report."""
         columns = hardness_map()
         places = np.count_nonzero(columns["area"] <= LARGEST_AREA)
         surfaces = columns["surfaces"]
@@ -117,6 +117,7 @@ class MappedHardness:
         )
 
     def __str__(self) -> str:
+        """Return the hardness with its interval and errors in two lines for a user."""
         low, high = self.interval
         parts = ", ".join(
             f"{name.removesuffix('_error')} {100 * part:.1f} %"
@@ -218,7 +219,11 @@ def effective_hardness(
 
 
 def _require_on_map(place: Mapping[str, float]) -> None:
-    """Raise InvalidScene if a place, by names of COORDINATES, is outside the map."""
+    """Raise InvalidScene if the map of the effective hardness does not reach a place.
+
+    place: severity E* xi/sigma_Y, poisson_ratio and load p0/sigma_Y, by these names.
+    The load may be as low as LIGHTEST_LOAD, below the lowest of the map.
+    """
     for name, value in place.items():
         column = hardness_map()[name]
         low = LIGHTEST_LOAD if name == "load" else column.min()
@@ -235,13 +240,15 @@ def breadth_correction(
 ) -> tuple[float, float]:
     """Return the relative change of the map's hardness by the breadth of a spectrum.
 
+    The map was computed with surfaces of the breadth MAP_BREADTH and of a finite size.
+
     Args:
         breadth: wavelength of the roll-off over the shortest; None: it is not known.
         severity: s = E* xi/sigma_Y.
         load: m = p0/sigma_Y.
 
     Returns:
-        The change, and its error at 95 %.
+        The change and its 95 % error, both as fractions of the hardness.
 
     Raises:
         InvalidScene: The breadth is below the smallest that was tested.
@@ -272,9 +279,10 @@ _TEXT = (files("epcontact.materials") / "hardness_map.csv").read_text(encoding="
 
 @functools.cache
 def hardness_map() -> Mapping[str, FloatArray]:
-    """Return the columns of `hardness_map.csv`, with one value for each place.
+    """Return the columns (n,) of `hardness_map.csv` by name, one value for each place.
 
-    They are COORDINATES, surfaces (their number), area, inverse_hardness
+    A place is one severity, Poisson's ratio and load of the J2 bodies that were solved.
+    The columns are COORDINATES, surfaces (their number), area, inverse_hardness
     (sigma_Y/hardness), scatter (the relative error of inverse_hardness by the surfaces
     of the place alone) and the relative errors ERROR_COLUMNS, of which the statistical
     one is that of the formula.
@@ -295,29 +303,35 @@ def map_digest() -> str:
 def fitted_ratio(
     severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray
 ) -> FloatArray:
-    """Return hardness/sigma_Y by the formula, for places (n,) that must be on the map.
+    """Return hardness/sigma_Y (n,) by the formula that is fitted to the map.
 
-    The coordinates are s = E* xi/sigma_Y, nu and m = p0/sigma_Y.
+    Places must be on the map; this is not checked.
+
+    severity: (n,) s = E* xi/sigma_Y; poisson_ratio: (n,); load: (n,) m = p0/sigma_Y.
     """
     return formula_terms(severity, poisson_ratio, load) @ fitted_formula()[0]
 
 
 @functools.cache
 def fitted_formula() -> tuple[FloatArray, float]:
-    """Return what `fit_formula` returns for the map of the package."""
+    """Return the coefficients (7,) of the formula for the hardness, and its error.
+
+    The error is twice the rms of the relative residuals, see `fit_formula`.
+    """
     return fit_formula(hardness_map())
 
 
 def fit_formula(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Fit the formula to a map, each place with the weight of its scatter.
+    """Fit the formula for hardness/sigma_Y to a map by least squares.
 
-    Nearly full places, and those without a hardness, are left out.
+    A place weighs less the larger its scatter is.  Places with a contact area above
+    LARGEST_AREA, and those without a hardness, are left out.
 
     Args:
-        columns: those of `hardness_map`.
+        columns: (n,) values for each place by name, those of `hardness_map`.
 
     Returns:
-        The coefficients of `formula_terms`, and twice the rms of the relative
+        The coefficients (7,) of `formula_terms`, and twice the rms of the relative
         residuals, less what the scatter explains.
     """
     used = (columns["area"] <= LARGEST_AREA) & (columns["inverse_hardness"] > 0)
@@ -339,7 +353,9 @@ def fit_formula(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 def formula_terms(
     severity: FloatArray, poisson_ratio: FloatArray, load: FloatArray
 ) -> FloatArray:
-    """Return the terms of the formula at the head of this module, (n, 7).
+    """Return the terms (n, 7) of the formula for hardness/sigma_Y.
+
+    Their sum, weighted with the coefficients, is hardness/sigma_Y.
 
     Args:
         severity: (n,) s = E* xi/sigma_Y.
@@ -358,7 +374,10 @@ def formula_terms(
 
 
 def _interpolate(place: Mapping[str, float], values: FloatArray) -> float:
-    """Return a column of the map at a place, linearly in ln s, nu and m.
+    """Return a column of the map at a place, interpolated linearly in ln s, nu and m.
+
+    place: severity s, poisson_ratio nu and load m by their names, on the map; values:
+    (n,) the column, one value for each place of the map.
 
     The axes are interpolated one after the other.  scipy.interpolate would take longer
     to load than all else here.
@@ -388,9 +407,9 @@ def formula_text() -> str:
 
 
 def _range_words(form: str) -> str:
-    """Return the range of the map in each coordinate.
+    """Return the range of the map in each coordinate, in words.
 
-    `form` is a format for one of them, of symbol, low and high.
+    form: format of one coordinate, with the fields {symbol}, {low} and {high}.
     """
     words = []
     for name, symbol in COORDINATES.items():

@@ -17,10 +17,12 @@ def effective_modulus(material: Material) -> float:
 
 
 def combined_material(material: Material, counterface: Material) -> Material:
-    """Return the body against a rigid counterface that stands for two half-spaces.
+    """Return one material, against a rigid counterface, that replaces two half-spaces.
 
-    It has the effective modulus of both, 1/E* = sum of (1 - nu^2)/E, and the strengths
-    and Poisson's ratio of the first, which flows.
+    Its effective modulus is that of both, 1/E* = sum of (1 - nu^2)/E.  Its hardness,
+    yield stress and Poisson's ratio are those of `material`, the body that flows.
+
+    counterface: the material of the other half-space, which stays elastic.
     """
     compliance = 1 / effective_modulus(material) + 1 / effective_modulus(counterface)
     young_modulus = (1 - material.poisson_ratio**2) / compliance
@@ -28,7 +30,7 @@ def combined_material(material: Material, counterface: Material) -> Material:
 
 
 def oedometric_modulus(material: Material) -> float:
-    """Return the modulus of uniaxial strain in Pa.
+    """Return the modulus of uniaxial strain (no lateral strain) in Pa.
 
     It is M = E (1 - nu) / ((1 + nu)(1 - 2 nu)).
     """

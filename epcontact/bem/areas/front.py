@@ -281,7 +281,11 @@ def locate_special(  # noqa: PLR0912, PLR0915 - one kind of link after the other
 
     These fronts are not smooth: they are at a step, a kink, an edge or a crease of the
     surface, or at the edge of a spot that flowed under an earlier load (see the
-    module).  The arguments are those of `locate`; `links` is overwritten in place.
+    module).
+
+    values: (ROWS, n) values around each link, in Pa, see ROWS, with the KIND that
+    `locate` wrote; count: the number of links, at most n; hardness: the least value of
+    a plastic point, in Pa; links: the arrays (n,) that are changed in place.
     """
     for n in range(count):
         kind = int(values[KIND, n])

@@ -46,9 +46,9 @@ def crease_gap(
     can be narrower than a grid spacing.  Both results are in spacings, and both are 0
     if the values are not those of a crease with such a gap.
 
-    Arguments: v of five points in a row across the crease, in one unit of pressure:
-    the pressure where a point is in contact, and minus STIFFNESS E*/dx times the gap
-    where it is not.
+    far_left, left, centre, right, far_right: v of five points in a row across the
+    crease, all in Pa: the pressure where a point is in contact, and minus STIFFNESS
+    E*/dx times the gap where it is not.
 
     In the continuum p falls to P + k ln s at a crease, and to k arccosh(s/w) beside a
     gap of the half-width w.  Both are the same far away if w = 2 exp(-P/k).  On the
@@ -94,8 +94,8 @@ def wedge_width(
     A wedge is a crest where two slopes of the surface meet.  Its ridge is plastic and
     can be narrower than a spacing, so that one point carries its load.
 
-    hardness: in Pa.  Other arguments: v of five points in a row across the ridge, in
-    Pa, as in `crease_gap`, but hardness - v.
+    hardness: in Pa; far_left, left, centre, right, far_right: hardness - v, in Pa, of
+    five points in a row across the ridge, with v as in `crease_gap`.
 
     The values v are those of the mirror image (`grid`), in which the wedge is a groove
     between two plastic points, `left` and `right`; the centre is elastic.  Where the

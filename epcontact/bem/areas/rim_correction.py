@@ -162,7 +162,16 @@ def sums_of_fronts(
 ) -> tuple[Sums, float, float, float]:
     """Return sums over the fronts of a solution on a grid.
 
-    The arguments are those of `estimate_areas`, and are not checked.
+    The arguments are not checked.
+
+    Args:
+        pressure: (nx, ny) or (nx,), in Pa.
+        gap: of the same shape, in m; where plastic, minus the plastic displacement.
+        hardness: in Pa, may be infinite.
+        spacing: (dx, dy) or (dx,), in m.
+        effective_modulus: E* in Pa.
+        threads: number of threads.
+        flowed: plastic displacement of earlier, larger loads in m; None: none.
 
     Returns:
         The arguments of `areas_of_sums`: the sums, the mean pressure over the hardness,

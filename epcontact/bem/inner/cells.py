@@ -117,7 +117,10 @@ class Cells:
 
 
 def _cell_columns(symbol: Symbol) -> NDArray[np.int32]:
-    """Return (ny,) the column of cells in which each column of grid points lies."""
+    """Return (ny,) the column of cells in which each column of grid points lies.
+
+    symbol: compliance of each mode of the grid (nx, ny).
+    """
     ny = symbol.shape[1]
     return (np.arange(ny) * cells_of(symbol)[1] // ny).astype(np.int32)
 
