@@ -45,13 +45,13 @@ def assert_close(actual, expected, relative):
 
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("shape", [(8, 6), (7, 5), (12, 1), (2, 2)])
-def test_it_inverts_the_assembled_stiffness(shape, sliding):
+def test_it_inverts_the_elastic_forces(shape, sliding):
     """The layered solver finds a random displacement again from the forces that cause
     it.
 
-    The forces come from the element kernel and from the assembled sparse stiffness,
-    which agree to 1e-12. `shape` is the number of nodes along x and y; `sliding` holds
-    only the normal displacement of the base.
+    The forces are those of the element kernel; displacements agree to 1e-12. `shape` is
+    the number of nodes along x and y; `sliding` holds only the normal displacement of
+    the base.
     """
     law = j2_law(1.7, 0.3, math.inf)
     block = PeriodicBlock(shape, (0.1, 0.13), graded_layers(0.6, 0.1, 5), sliding)
@@ -64,9 +64,6 @@ def test_it_inverts_the_assembled_stiffness(shape, sliding):
     u[-1, ..., held] = 0
     force, _ = plasticity.internal_force(u.reshape(-1, 3), bricks, law, None)
     force = force.reshape(u.shape)
-    elastic, _ = plasticity.layer_stiffness(bricks, law)
-    K = assemble(bricks, elastic[bricks.shape_of].reshape(-1, 24, 24))
-    assert_close((K @ u.ravel()).reshape(u.shape), force, 1e-12)
     force[-1, ..., held] = 0
     factor = factorise(block, bricks, law)
     descent = top_descent(factor, eliminate(factor, force))
