@@ -39,32 +39,37 @@ STRIPS = Scene(
 SPECTRUM = SelfAffineSpectrum(
     0.8, 2 * math.pi, 8 * math.pi, 32 * math.pi, rms_slope=0.1
 )
-#: Roughness with four points on each of its shortest waves.
+#: Roughness of unit period with four points on each of its shortest waves.
 ROUGH = SelfAffine(SPECTRUM, (1.0, 1.0), (64, 64), seed=31).build()
 BRANCHES = ("loading", "unloading")
 
 
-# --- stiffness and conductance
+# --- stiffness and conductance --------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "body", [Body(), Body("bonded_layer", 0.2)], ids=lambda body: body.kind
-)
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.2)])
 def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
-    """Finite differences over load changes that move no front are exact to 1e-6."""
+    """The stiffness is the derivative of the mean pressure by the mean separation, on
+    loading and unloading.
+
+    `body` is a half-space and a layer; finite differences over load changes that move
+    no front are exact to 1e-6.
+    """
     pressure = 0.005
     change = 2e-6
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.06), Load(pressure), body)
 
     def separation(*path):
-        """Return the mean separation after a load path."""
+        """Return the mean separation after a load path, in units of the period.
+
+        `path` are mean pressures in units of Young's modulus.
+        """
         result = bem.solve(replace(scene, load=Load(path)), tolerance=1e-13)
         return result.final.quantities["mean_separation"]
 
     result = bem.solve(scene, tolerance=1e-13)
-    loading, unloading = (
-        interface_stiffness(scene, result, branch).raw for branch in BRANCHES
-    )
+    loading = interface_stiffness(scene, result, "loading").raw
+    unloading = interface_stiffness(scene, result, "unloading").raw
     here = separation(pressure)
     closer = here - separation(pressure * (1 + change))
     wider = separation(pressure, pressure * (1 - change)) - here
@@ -75,7 +80,12 @@ def test_the_stiffness_is_the_derivative_of_the_load_on_both_branches(body):
 
 @pytest.mark.parametrize("hardness", [0.02, math.inf])
 def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
-    """Plastic spots conduct, too.  A punch solved as a contact has energy p0 u/2."""
+    """The conductance is 2 / (E* resistivity) times the stiffness of a flat punch of
+    the contact's shape, plastic points included.
+
+    The punch is solved as a contact of elastic energy p0 u / 2, with the mean pressure
+    p0 and the displacement u; `hardness` is over Young's modulus.
+    """
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness), Load(0.005))
     result = bem.solve(scene)
     load = 1e-5
@@ -94,7 +104,12 @@ def test_a_contact_conducts_as_an_elastic_punch_of_its_shape_sinks(hardness):
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_straight_rim_is_corrected_to_the_second_order(turned):
-    """On oblong cells; the rest is .6 (spacing over the strip's width)^2."""
+    """The stiffness of a flat strip has an error of first order in the spacing, and
+    corrected one of second order.
+
+    The cells are oblong, and `turned` exchanges the axes; the error that is left is 0.6
+    (spacing over the strip's width)^2.
+    """
     errors = []
     for n in (32, 128, 512):
         profile = np.where(np.arange(n) < 0.6 * n, 0.0, -1e-3)
@@ -116,9 +131,14 @@ def test_a_straight_rim_is_corrected_to_the_second_order(turned):
 
 
 def test_the_elastic_middle_of_a_capped_strip_is_corrected():
-    """The grid shows the plastic rim's end and the strip's own to parts of a point."""
+    """The corrected stiffness of a strip with plastic edges is closer to its closed
+    form than the raw one, and its error estimate covers the rest.
+
+    The edges of the strip and of its plastic part are resolved to a fraction of the
+    spacing.
+    """
     rows = []
-    for half_width in (0.21, 0.25, 0.29, 0.33):
+    for half_width in (0.21, 0.33):
         distance = np.abs(np.arange(2048) / 2048 - 0.5)
         heights = np.where(distance < half_width, 0.0, -5e-3)
         scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.0, 1e-3), Load(3e-4))
@@ -126,14 +146,17 @@ def test_the_elastic_middle_of_a_capped_strip_is_corrected():
         for branch in BRANCHES:
             exact = CAPPED_STRIP.scalar(f"quantity.stiffness_{branch}", scene)
             limit = interface_stiffness(scene, result, branch)
-            row = limit.corrected / exact - 1, limit.raw / exact - 1
-            rows.append((*row, limit.error / exact))
+            corrected = limit.corrected / exact - 1
+            rows.append((corrected, limit.raw / exact - 1, limit.error / exact))
     corrected, raw, estimate = np.abs(rows).T
     assert corrected.max() < 0.4 * raw.max()
     assert (corrected < estimate).all()
 
 
 def test_limits_scale_with_units_and_do_not_depend_on_the_order_of_axes():
+    """The stiffness times E / period does not depend on units, nor on exchanged
+    axes.
+    """
     heights = ROUGH.heights[:, ::2]
     material = Material(1.0, 0.3, hardness=0.06)
     scene = Scene(Surface(heights, (1.0, 1.0)), material, Load(0.005))
@@ -149,9 +172,10 @@ def test_limits_scale_with_units_and_do_not_depend_on_the_order_of_axes():
 
 
 def test_error_estimates_cover_the_errors_of_limits():
-    """With four points a shortest wave, on seeds that gave no constant.
+    """At least 80 % of the errors against a grid four times as fine are within their
+    estimates, on surfaces that were used to fit no constant.
 
-    A tenth of the estimates would not cover the errors.
+    At most half of the errors are within a tenth of the estimates.
     """
     spectrum = replace(SPECTRUM, wavenumber_high=24 * math.pi)
     names = ("conductance", "stiffness_loading", "contact_percolation")
@@ -181,11 +205,16 @@ def test_error_estimates_cover_the_errors_of_limits():
 
 
 def with_states(scene, state):
-    """Return a solution of a scene whose only field is the given states."""
+    """Return the solution of a scene by boundary elements with one field only, the
+    given states of its points.
+    """
     return replace(bem.solve(scene), fields={"state": state})
 
 
 def test_no_contact_has_no_stiffness_and_full_contact_an_infinite_one():
+    """Stiffness (raw, corrected, error) is 0 without contact and infinite in full
+    contact, and so is the conductance.
+    """
     apart = with_states(STRIPS, np.full(16, APART))
     full = with_states(STRIPS, np.full(16, ELASTIC))
     assert interface_stiffness(STRIPS, apart, "unloading") == (0, 0, 0)
@@ -193,17 +222,16 @@ def test_no_contact_has_no_stiffness_and_full_contact_an_infinite_one():
     assert contact_conductance(STRIPS, full, 0.5) == (math.inf, math.inf, 0)
 
 
-def test_a_stiffness_needs_states_and_a_known_branch():
+def test_limits_that_are_refused():
+    """An unknown branch, a result without states, a negative resistivity and the
+    conductance of a layer raise InvalidCase.
+    """
     result = bem.solve(STRIPS)
     with pytest.raises(InvalidCase, match="branch is 'up'"):
         interface_stiffness(STRIPS, result, "up")
     without_fields = replace(result, fields={})
     with pytest.raises(InvalidCase, match="no field 'state'"):
         interface_stiffness(STRIPS, without_fields, "loading")
-
-
-def test_a_conductance_needs_half_spaces_and_a_positive_resistivity():
-    result = bem.solve(STRIPS)
     with pytest.raises(InvalidCase, match="resistivity is -1"):
         contact_conductance(STRIPS, result, -1.0)
     layer = replace(STRIPS, body=Body("sliding_layer", 1.0))
@@ -211,12 +239,16 @@ def test_a_conductance_needs_half_spaces_and_a_positive_resistivity():
         contact_conductance(layer, result, 0.5)
 
 
-# --- the flat punch
+# --- the flat punch -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rows", [[3], [3, 4], [3, 19]], ids=str)
 def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(rows):
-    """All points of these rows are alike, so that the pressure is uniform."""
+    """The stiffness of a punch that is whole rows of points is the sum over the modes
+    of its uniform pressure.
+
+    `rows` are the indices of rows in contact, which are all alike.
+    """
     state = np.full((32, 16), APART)
     state[rows] = ELASTIC
     flat = Surface(np.zeros((32, 16)), (1.0, 1.0))
@@ -230,6 +262,9 @@ def test_a_punch_of_uniform_pressure_sinks_by_its_compliance(rows):
 
 
 def test_a_punch_on_the_papers_surface_takes_twenty_transform_pairs():
+    """The flat punches of the paper's surface on 256 x 256 points, of elastic and of
+    all contact points, take at most 21 pairs of Fourier transforms.
+    """
     spectrum = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 16e5, rms_slope=1.0)
     period = 2 * math.pi / 2.5e4
     surface = SelfAffine(spectrum, (period, period), (256, 256), seed=7).build()
@@ -239,15 +274,14 @@ def test_a_punch_on_the_papers_surface_takes_twenty_transform_pairs():
         assert solve_punch(scene, mask).pairs <= 21
 
 
-@pytest.mark.parametrize(
-    "body", [Body(), Body("bonded_layer", 0.003)], ids=lambda body: body.kind
-)
+@pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.003)])
 def test_a_punch_around_one_open_point_sinks_as_in_closed_form(body):
-    """By the sum of the stiffness over all waves.
+    """A punch with one open point sinks by the inverse of the sum of the stiffness of
+    all waves.
 
     The displacement is uniform but at the open point, where it is smaller by the
-    inverse of the mean stiffness of the waves.  In the layer it is near the rounding of
-    the transforms.
+    inverse of the mean stiffness of the waves. In the layer (`body`) it is near the
+    rounding of the transforms.
     """
     flat = Surface(np.zeros((64, 64)), (1.0, 1.0))
     scene = Scene(flat, Material(1.0, 0.3), Load(0.01), body)
@@ -265,6 +299,9 @@ def test_a_punch_around_one_open_point_sinks_as_in_closed_form(body):
 
 
 def test_a_punch_whose_displacement_stays_uneven_is_an_error(monkeypatch):
+    """`solve_punch` raises NotConverged if its displacement is uneven after the last
+    correction.
+    """
     monkeypatch.setattr(punch, "_MOST_CORRECTIONS", 1)
     scene = Scene(ROUGH, Material(1.0, 0.3), Load(0.005))
     sentence = r"after 1 corrections .* is uneven by .* times the tolerance"
@@ -272,7 +309,7 @@ def test_a_punch_whose_displacement_stays_uneven_is_an_error(monkeypatch):
         solve_punch(scene, ROUGH.heights > 0)
 
 
-# --- patches and percolation
+# --- patches and percolation ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -287,6 +324,11 @@ def test_a_punch_whose_displacement_stays_uneven_is_an_error(monkeypatch):
     ],
 )
 def test_patches_join_over_the_period(rows, areas, spans):
+    """Patches join over the sides of points and over the period.
+
+    `rows` is the contact (x) row by row, `areas` are the points of each patch, and
+    `spans` tells whether a patch winds around a period.
+    """
     mask = np.array([[letter == "x" for letter in row] for row in rows.split()])
     for same in (mask, mask.T, np.roll(mask, (1, 2), (0, 1))):
         patches = find_patches(same)
@@ -295,7 +337,9 @@ def test_patches_join_over_the_period(rows, areas, spans):
 
 
 def test_patches_that_join_over_their_corners_leave_no_way_around_them():
-    """Either the mask percolates by sides and corners, or the rest does by sides."""
+    """Either the contact percolates over sides and corners, or the rest does over
+    sides.
+    """
     for seed in range(20):
         mask = np.random.default_rng(seed).uniform(size=(6, 8)) < 0.45
         by_corners = find_patches(mask, diagonals=True)
@@ -304,7 +348,12 @@ def test_patches_that_join_over_their_corners_leave_no_way_around_them():
 
 
 def percolates(mask, diagonals):
-    """Return whether a label of 7 x 7 periods of a mask is at two copies of a point."""
+    """Return whether a contact, repeated 7 x 7 times, has one label at two copies of a
+    point.
+
+    `mask` (rows, columns) is true in contact, and with `diagonals` points join over
+    their corners, too.
+    """
     structure = np.ones((3, 3)) if diagonals else None
     labels, _ = label(np.tile(mask, (7, 7)), structure)
     rows, columns = mask.shape
@@ -314,10 +363,15 @@ def percolates(mask, diagonals):
     return bool(same_label.sum(axis=0).max() > 1)
 
 
-@pytest.mark.parametrize("shape", [(6, 8), (7, 5), (2, 9), (12, 12)], ids=str)
+@pytest.mark.parametrize("shape", [(6, 8), (7, 5), (2, 9)], ids=str)
 @pytest.mark.parametrize("steps", [False, True])
 def test_points_percolate_when_labels_of_many_periods_do(shape, steps):
-    """Points of one height, where there are steps, join in the order of rows."""
+    """Patches span, and the percolation fraction is reached, exactly when scipy's
+    labels of 7 x 7 periods say so.
+
+    `shape` is the grid; with `steps` many points have one height and join in the order
+    of rows.
+    """
     for seed in range(3):
         field = np.random.default_rng(seed).normal(size=shape)
         if steps:
@@ -340,7 +394,9 @@ def test_points_percolate_when_labels_of_many_periods_do(shape, steps):
 
 
 def test_points_that_have_flowed_percolate_in_the_order_of_their_depth():
-    """An unloaded contact percolates like an elastic one on its residual surface."""
+    """An unloaded contact percolates like an elastic one on its residual surface,
+    within two points.
+    """
     scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
     unloaded = bem.solve(scene, threads=1)
     residual = residual_surface(ROUGH, unloaded)
@@ -349,17 +405,16 @@ def test_points_that_have_flowed_percolate_in_the_order_of_their_depth():
     for name in ("quantity.contact_percolation", "quantity.gap_percolation"):
         expected = measure(name, elastic, reloaded)
         assert measure(name, scene, unloaded) == pytest.approx(expected, abs=2 / 64**2)
-
-
-def test_points_that_are_all_plastic_do_not_percolate_in_the_order_of_their_rows():
-    """In the order of their rows they would connect at 1/64."""
-    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load((0.008, 0.001)))
+    # Points that are all plastic do not connect in the order of their rows, at 1/64.
     full = replace(scene, load=Load(0.0299))
     result = bem.solve(full, threads=1)
     assert measure("quantity.contact_percolation", full, result) > 0.2
 
 
 def test_a_line_percolates_when_all_of_it_touches():
+    """A line percolates when all of its points touch: (raw, corrected, error) is (1, 1,
+    0).
+    """
     assert percolation_fraction(np.arange(8.0)) == (1, 1, 0)
     assert not find_patches(np.arange(8) > 0).spans
     assert find_patches(np.arange(8) >= 0).spans
@@ -368,8 +423,8 @@ def test_a_line_percolates_when_all_of_it_touches():
 def test_noise_percolates_at_the_thresholds_of_the_square_lattice():
     """Independent sites that connect over their sides percolate at .5927.
 
-    Over their sides and corners they percolate at 1 - .5927, so that no limit is nearer
-    to both than .5.
+    Over sides and corners they percolate at 1 - .5927; the corrected fraction is the
+    mean of both.
     """
     field = np.random.default_rng(4).normal(size=(128, 128))
     for noise in (field, -field):
