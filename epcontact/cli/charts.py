@@ -30,7 +30,9 @@ _full = click.option(
 @folder(default=Path("charts"))
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
     """Draw the charts of the studies NAMES with data and captions; none: list them."""
-    wanted = (*names, "peers") if peers else names
+    wanted = list(names)
+    if peers:
+        wanted.append("peers")
     for name in wanted:
         if name not in STUDIES:
             raise InvalidCase(
@@ -58,7 +60,9 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
 
     MAPS are some of capped, elastic, theory and fem; all of them where none is named.
     """
-    size = "full" if full else "coarse"
+    size = "coarse"
+    if full:
+        size = "full"
     points = stability_maps.stability(maps, size, say=print_error)
     for path in stability_maps.write(points, size, output):
         click.echo(path)
@@ -66,11 +70,18 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
 
 
 def _summary(points: pd.DataFrame) -> Table:
-    """Return a table of points, failures and the largest effort of each method."""
+    """Return a table for a terminal, with a row for each map and method.
+
+    `points` has a row for each solve, from `studies.stability.stability`.  The table
+    has the number of points, the number of failures, and the largest effort of a solve
+    in the unit of the map (transform pairs, terms or Newton steps).
+    """
     table = new_table(("map", "method"), ("points", "failures", "largest effort"))
     for (name, method), group in points.groupby(["map", "method"], sort=False):
         failures = int((~group["converged"]).sum())
-        shown = f"[bold red]{failures}[/]" if failures else "0"
+        shown = str(failures)
+        if failures:
+            shown = f"[bold red]{failures}[/]"
         effort = f"{group['effort'].max():g}"
         table.add_row(name, method, str(len(group)), shown, effort)
     return table

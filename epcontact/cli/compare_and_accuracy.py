@@ -59,7 +59,10 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) 
         click.echo(f"figures in {saved}")
         if len(verdicts) == 1:
             return
-    old = read_values(verdicts[0] if len(verdicts) == 2 else RELEASE_VALUES)
+    old_file = RELEASE_VALUES
+    if len(verdicts) == 2:
+        old_file = verdicts[0]
+    old = read_values(old_file)
     comparison = comparing.compare(old, new)
     if table is not None:
         names = [*comparing.KEYS, "value_old", "value_new", "error", "moved"]
@@ -70,7 +73,11 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) 
 
 
 def _print_comparison(comparison: Comparison) -> None:
-    """Print the values that changed, the work that grew, and their counts."""
+    """Print the comparison of two verdicts on standard output.
+
+    First come the values that changed most, then the solves with more work, the notes
+    on values that could not be compared, and the counts of all of these.
+    """
     console = Console()
     _print_moved(console, comparison)
     if len(comparison.slower):
@@ -97,7 +104,11 @@ def _print_comparison(comparison: Comparison) -> None:
 
 
 def _print_moved(console: Console, comparison: Comparison) -> None:
-    """Print a table of the values that changed most, by case and size."""
+    """Print a table of the `_ROWS` values that changed most, by case and size.
+
+    The last column is the change over the error estimate of the value; a change of more
+    than 1 is red.  Nothing is printed if no value changed.
+    """
     if not len(comparison.moved):
         return
     table = new_table(("moved",), ("old", "new", "in claims"))
@@ -178,7 +189,16 @@ def accuracy(
 
 
 def _ledger_row(row: dict[str, Any]) -> tuple[str, ...]:
-    """Return the cells of a row of the ledger."""
+    """Return the texts of a row of the ledger of accuracy, for a terminal.
+
+    Args:
+        row: A row of `studies.accuracy.ledger`: its columns by name.
+
+    Returns:
+        Quantity, pair of methods with points per shortest wave, bias in %, scatter in %
+        ("–" for one scene), number of scenes, relative time, FFT pairs (empty where
+        they were not measured), and the ranges of the dimensionless groups.
+    """
     pair = row["pair"]
     if np.isfinite(row["points"]):
         pair = pair.replace(" – ", f", {row['points']:g} points a wave – ")
@@ -188,16 +208,18 @@ def _ledger_row(row: dict[str, Any]) -> tuple[str, ...]:
         high = row[f"{name}_max"]
         if not np.isnan(low):
             ranges.append(f"{words} {_range_text(low, high)}")
-    return (
-        row["quantity"],
-        pair,
-        f"{100 * row['bias']:+.2g} %",
-        f"{100 * row['scatter']:.2g} %" if row["scenes"] > 1 else "–",
-        str(row["scenes"]),
-        f"{row['time']:.3g}" if row["time"] > 0 else "",
-        f"{row['fft_pairs']:.3g}" if row["fft_pairs"] > 0 else "",
-        ", ".join(ranges),
-    )
+    scatter = "–"
+    if row["scenes"] > 1:
+        scatter = f"{100 * row['scatter']:.2g} %"
+    costs = []
+    for name in ("time", "fft_pairs"):
+        cell = ""
+        if row[name] > 0:
+            cell = f"{row[name]:.3g}"
+        costs.append(cell)
+    bias = f"{100 * row['bias']:+.2g} %"
+    scenes = str(row["scenes"])
+    return (row["quantity"], pair, bias, scatter, scenes, *costs, ", ".join(ranges))
 
 
 def _range_text(low: float, high: float) -> str:

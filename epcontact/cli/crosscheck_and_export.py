@@ -34,14 +34,23 @@ def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> No
 
     A case that names calculix or tamaas_j2 is also solved by these codes, in a table.
     """
-    others = () if seeds is None else _seeds(seeds)
-    click.echo(check_models(load_case(find_case(case), size), others, steps=steps))
+    loaded = load_case(find_case(case), size)
+    numbers = range(0)
+    if seeds is not None:
+        numbers = _seeds(seeds)
+    click.echo(check_models(loaded, numbers, steps=steps))
 
 
 def _seeds(text: str) -> range:
-    """Return the seeds of "FIRST-LAST", both included; raise BadParameter."""
+    """Return the seeds of a text "FIRST-LAST", both ends included.
+
+    Raises BadParameter if the text has another form, no seed or more than `_MOST_SEEDS`
+    of them, or a seed that is too large for numpy's generators.
+    """
     ends = re.fullmatch(r"(\d{1,19})-(\d{1,19})", text)
-    seeds = range(int(ends[1]), int(ends[2]) + 1) if ends else range(0)
+    seeds = range(0)
+    if ends:
+        seeds = range(int(ends[1]), int(ends[2]) + 1)
     largest = 2**63  # of numpy's generators
     if not 0 < seeds.stop - seeds.start <= _MOST_SEEDS or seeds.stop > largest:
         raise click.BadParameter(

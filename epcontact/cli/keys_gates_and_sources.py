@@ -24,6 +24,9 @@ from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import margin_text
 from epcontact.results import plain
 
+#: Columns of a pipe or file: room for the reason of each gate in a line.
+_PIPE = 300
+
 
 @click.command()
 def keys() -> None:
@@ -39,7 +42,10 @@ def keys() -> None:
 @click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
     """Print the JSON Schema of a case file, or of verdict.json."""
-    content = case_schema() if kind == "case" else Verdict.model_json_schema()
+    if kind == "case":
+        content = case_schema()
+    else:
+        content = Verdict.model_json_schema()
     click.echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
@@ -76,14 +82,18 @@ def gates(cases: tuple[str, ...], output: Path) -> None:
                 margin = margins.get((text.id, size, gate.name), "–")
                 band = f"{gate.low:g} … {gate.high:g}"
                 rows.append((text.id, size, gate.name, band, margin, gate.because))
-    console = Console(width=None if sys.stdout.isatty() else 300)
+    console = Console()
+    if not sys.stdout.isatty():
+        console = Console(width=_PIPE)
     print_rows(console, ("case", "size", "gate", "band", "margin", "because"), rows)
 
 
 def _margins(file: Path) -> dict[tuple[str, str, str], str]:
-    """Return the margin of each judged gate of a verdict by case, size and name.
+    """Return the margin of each judged gate of a verdict, as a text.
 
-    There is none if the file does not exist.
+    The keys are id of the case, size and name of the gate.  `file` is a verdict.json;
+    if it does not exist, the result is empty.  Raises an EpcontactError if the file is
+    not a verdict.
     """
     if not file.exists():
         return {}

@@ -39,7 +39,19 @@ def list(all_cases: bool) -> None:
 
 
 def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
-    """Return name, count, sizes, methods and requirement of a family of cases."""
+    """Return the cells of a family of cases in the list.
+
+    Args:
+        name: Name of the family or of the case.
+        cases: Its cases, one or more.
+
+    Returns:
+        The name, the number of cases and how many of them a bare verify runs, the
+        sizes, the methods, and the requirement of the first case.
+
+    Raises:
+        InvalidCase: A case lacks a requirement or methods.
+    """
     heads = [_head(case) for case in cases]
     sizes = [size for size in SIZES if any(size in case.sizes for case in cases)]
     methods = dict.fromkeys(method for head in heads for method in head["methods"])
@@ -60,7 +72,8 @@ def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
 def _is_verified(case: CaseText, head: Mapping[str, Any]) -> bool:
     """Return whether `epcontact verify` without arguments runs the case.
 
-    It runs cases at the size "fast" that are no sweeps and do not say `verify = false`.
+    It runs cases with a size "fast", without a table [sweep] and without `verify =
+    false` in the table [case], which is `head`.
     """
     is_sweep = "sweep" in case.tables
     return "fast" in case.sizes and not is_sweep and bool(head.get("verify", True))

@@ -58,7 +58,10 @@ class _Commands(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a command; raise UsageError for an unknown one."""
+        """Return the command of a name from `COMMANDS`, and import its module.
+
+        `ctx` is not used.  Raises UsageError if there is no such command.
+        """
         if cmd_name not in COMMANDS:
             raise click.UsageError(
                 f"there is no command {cmd_name!r}{nearest(cmd_name, COMMANDS)}"
@@ -73,9 +76,10 @@ class _Commands(click.Group):
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        """Write the first line of each command's docstring.
+        """Write the list of the commands into the help text.
 
-        The docstrings are read from the sources, without an import of the modules.
+        Each has the first line of its docstring, which is read from the source file
+        without an import.  `ctx` is not used; `formatter` collects the help text.
         """
         descriptions = {}
         for file in Path(__file__).parent.glob("*.py"):
@@ -158,7 +162,10 @@ def _print_sentences(*sentences: object) -> None:
 
 
 def _usage_sentence(error: click.ClickException) -> str:
-    """Return the sentence for a mistake on the command line."""
+    """Return the sentence for a mistake on the command line, without a full stop.
+
+    It refers to the help of the command whose arguments are wrong.
+    """
     command = "epcontact"
     if isinstance(error, click.UsageError) and error.ctx:
         command = error.ctx.command_path
@@ -166,11 +173,12 @@ def _usage_sentence(error: click.ClickException) -> str:
 
 
 def _unexpected(error: Exception) -> str:
-    """Return the sentence for a full disk, a bad file name, or a bug.
+    """Return the sentence for an error that no command has handled.
 
-    The traceback of a bug is printed.
+    It is about a full disk, a bad file name or, for all other errors, a bug in
+    epcontact, whose traceback is printed on stderr.
     """
-    number = error.errno if isinstance(error, OSError) else None
+    number = getattr(error, "errno", None)
     if number == errno.ENOSPC:  # of standard output; files raise OutputError
         discard_output()
         return "cannot write the output: no space left on device"
@@ -181,7 +189,7 @@ def _unexpected(error: Exception) -> str:
 
 
 def print_error(sentence: str) -> None:
-    """Print a sentence on stderr; a closed stderr is no error."""
+    """Print a sentence on stderr; do nothing if stderr is closed."""
     try:
         click.echo(sentence, err=True)
     except OSError:
@@ -198,9 +206,13 @@ def discard_output(stream: TextIO | None = None) -> None:
 
 
 def _interrupt(number: int, _: object) -> None:
-    """End the command by KeyboardInterrupt, but not in the middle of a compilation.
+    """Raise KeyboardInterrupt, except in the middle of a compilation.
 
-    During a compilation (see `machine`) the signal is raised again after a moment.
+    During a compilation (see `machine`) the signal is raised again 0.05 s later.
+
+    Args:
+        number: Number of the signal, SIGINT or SIGTERM.
+        _: The stack frame, which is not used.
     """
     # The module is loaded with the first solver, and may be half loaded now.
     compiling = getattr(sys.modules.get("epcontact.machine"), "compiling", None)

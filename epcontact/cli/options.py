@@ -88,10 +88,11 @@ fields = click.option(
 def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of a `Run`.
 
-    The command receives one argument `settings` instead of these options.
+    The command receives one argument `settings`, a `Run` with their values.
 
     Args:
-        names: Names of the attributes of `Run` that have options.
+        names: Names of options, keys of `_RUN_OPTIONS`: "jobs", "output", "fresh",
+            "executor" or "precision".
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -125,7 +126,10 @@ class _Bar(Progress):
     above: Callable[[int, int], RenderableType] | None = None
 
     def get_renderables(self) -> Iterator[RenderableType]:
-        """Yield what a terminal shows."""
+        """Yield the table above the bar, if there is one, and then the bar itself.
+
+        The table may take half of the terminal's lines.
+        """
         if self.above is not None:
             yield self.above(self.console.height // 2, self.console.width)
         yield self.make_tasks_table(self.tasks)
@@ -135,14 +139,14 @@ class _Bar(Progress):
 def show_progress(
     run: Run, above: Callable[[int, int], RenderableType] | None = None
 ) -> Iterator[Run]:
-    """Show the progress of a run on stderr and yield the run that reports it.
+    """Show the progress of a run on stderr as long as the `with` block lasts.
 
     A terminal shows a bar; a pipe gets a line for each solve.
 
     Args:
-        run: The run.
-        above: Returns what a terminal shows above the bar, for a number of lines and
-            columns.
+        run: The run; the block gets a copy of it whose `progress` moves the bar.
+        above: Returns the table above the bar, for its largest number of lines and
+            columns; None: no table.
     """
     console = Console(stderr=True)
     is_terminal = console.is_terminal
@@ -167,7 +171,14 @@ def show_progress(
         solves = 0
 
         def report(done: float, total: int, words: str) -> None:
-            """Show the number of solves done, of all, and the words on the last one."""
+            """Show how many solves are done.
+
+            Args:
+                done: Number of finished solves; fractions count running ones.
+                total: Number of all solves.
+                words: Description of the solve that has just finished; it ends with
+                    "(reused)" if an earlier result was taken.  Empty: none finished.
+            """
             nonlocal solves
             is_reused = words.endswith("(reused)")
             if words and not is_reused:
@@ -181,14 +192,23 @@ def show_progress(
             else:
                 bar.update(line, completed=done, total=total, description=words or None)
             if words and not is_terminal:
-                remaining = _remaining_time(bar, line) if done < total else ""
+                remaining = ""
+                if done < total:
+                    remaining = _remaining_time(bar, line)
                 print_error(f"[{done}/{total}] {words}{remaining}")
 
         yield replace(run, progress=report)
 
 
 def _remaining_time(bar: Progress, line: TaskID) -> str:
-    """Return the estimated remaining time in words; empty if unknown or short."""
+    """Return the estimated remaining time in words, such as " (about 0:01:30 left)".
+
+    It is empty if there is no estimate, or less than `_SOON` seconds are left.
+
+    Args:
+        bar: The progress bar.
+        line: The task of the bar that counts the solves.
+    """
     seconds = bar.tasks[line].time_remaining
     if not seconds or seconds < _SOON:
         return ""

@@ -79,7 +79,10 @@ def plan(
 
 
 def _model(chosen: planning.Plan) -> str:
-    """Return method, grid and number of surfaces of a plan in words."""
+    """Return a plan's method, grid and number of surfaces in words.
+
+    An example is "bem, 64 x 64 points, 3 surfaces"; the theory has its name alone.
+    """
     if not chosen.on_grid:
         return chosen.method
     grid = " x ".join(map(str, chosen.shape))
@@ -88,7 +91,11 @@ def _model(chosen: planning.Plan) -> str:
 
 
 def _caveats(case: Case, chosen: planning.Plan) -> list[str]:
-    """Return sentences on errors that a plan does not count."""
+    """Return sentences on errors that the plan of a case leaves out.
+
+    These are the error of the treatment of a map's edges, and that of a hardness which
+    was looked up for a J2 body.  The list may be empty.
+    """
     sentences = []
     if any("treatment of the edges" in note for note in chosen.notes):
         sentences.append(
@@ -104,14 +111,23 @@ def _caveats(case: Case, chosen: planning.Plan) -> list[str]:
 
 
 def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
-    """Run a plan and the finer grid that judges it; exit with 1 if its error is larger.
+    """Solve a case by its plan and on a finer grid, and print the error of the plan.
 
-    Raises EpcontactError if a solve fails.
+    Args:
+        case: The case.
+        chosen: Its plan.
+        settings: How the cases are solved; only the executor counts.
+
+    Raises:
+        EpcontactError: A solve fails.
+        SystemExit: With code 1, if the error exceeds the tolerance of the plan.
     """
     planned = planning.planned_case(case, chosen)
     planned = planned.changed(methods=(chosen.method,), gates=())
     finer = planning.finer_case(case, chosen)
-    cases = [planned] if finer is None else [planned, finer]
+    cases = [planned]
+    if finer is not None:
+        cases.append(finer)
     with TemporaryDirectory() as folder:
         judged = verify(cases, settings, size="auto", output=folder).cases
     results = [each for case in judged for each in case.results.values()]
@@ -138,7 +154,10 @@ def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
 
 
 def _fraction(text: str) -> float:
-    """Return the number of a text such as "1%" or "0.01"; raise InvalidCase."""
+    """Return the number of a text such as "1%" or "0.01", both of which are 0.01.
+
+    Raises InvalidCase if the text is not a number.
+    """
     number = text.strip()
     try:
         if number.endswith("%"):
@@ -146,5 +165,5 @@ def _fraction(text: str) -> float:
         return float(number)
     except ValueError:
         raise InvalidCase(
-            f"--tolerance is {text!r}, but must be a share such as 1% or 0.01"
+            f"--tolerance is {text!r}, but must be a fraction such as 1% or 0.01"
         ) from None

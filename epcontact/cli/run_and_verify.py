@@ -91,12 +91,27 @@ def run(
 
 
 def _fields_of_run(fields: str) -> str:
-    """Return the fields that are written; a film is drawn from those of every load."""
-    return "steps" if fields == "film" else fields
+    """Return the value of `Run.fields` for a value of the option --fields.
+
+    They are the same words, but a "film" is drawn from the fields of every load,
+    "steps".
+    """
+    if fields == "film":
+        return "steps"
+    return fields
 
 
 def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> list[str]:
-    """Return sentences on the theory's gamma and its error, and on the hardness."""
+    """Return the sentences on the models that `epcontact run` prints below its table.
+
+    They are about the theory's energy reduction gamma, the theory's error by the map of
+    its errors (if another method is solved, too), and a hardness that was looked up for
+    a J2 body.  A sentence that does not apply is left out.
+
+    Args:
+        case: The case.
+        results: Its results by method.
+    """
     sentences = [tables.gamma_sentence(case)]
     if "persson" in results and len(results) > 1:
         for result in results["persson"].results[:1]:
@@ -154,7 +169,10 @@ def verify(
         # which takes long and may fail.
         delete_verdict(output)
         given = _load_auto(cases)
-    fields = fields or ("first" if with_report else "none")
+    if fields is None:
+        fields = "none"
+        if with_report:
+            fields = "first"
     settings = replace(settings, fields=_fields_of_run(fields))
     if with_report:
         require_links_inside(output)  # the report would refuse them after all solves
@@ -191,7 +209,11 @@ def verify(
 
 
 def _load_auto(names: Sequence[str]) -> list[Case]:
-    """Return the named cases, or those of a bare verify, at size "auto"."""
+    """Return cases at size "auto", whose grids are chosen by plans.
+
+    `names` are names or files of cases; if there are none, the cases are those that
+    `epcontact verify` runs without arguments.  Raises InvalidCase for a bad case.
+    """
     texts = [text for name in names for text in find_named(name)]
     return [_load(text, "auto") for text in texts or cases_to_verify("fast")]
 
@@ -203,7 +225,15 @@ _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 def _print_verdict(
     verdict: Verdict, output: Path, all_gates: bool, with_report: bool
 ) -> None:
-    """Print a verdict: cases, gates, reasons, counts, and what to do next."""
+    """Print a verdict on standard output, and commands that the user may run next.
+
+    Args:
+        verdict: The verdict.
+        output: The folder with its verdict.json.
+        all_gates: Whether the gates of all cases are printed; else those of the cases
+            that do not hold, below a table of all cases.
+        with_report: Whether the report was written, so that no command for it is named.
+    """
     console = open_console()
     if all_gates:
         in_detail = list(verdict.cases)
@@ -238,7 +268,12 @@ def _print_verdict(
 
 
 def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
-    """Print notes on measured maps, the loads, the hardness and what does not hold."""
+    """Print what the tables of a verdict leave out of a judged case.
+
+    This is: notes on a measured map, the table of its loads (if `with_loads`, and only
+    for a case that lists its loads), the hardness that was looked up for a J2 body, and
+    the gates that do not hold.
+    """
     recipe = next(iter(case.case.recipes), None)
     if isinstance(recipe, HeightsFromFile | Mirrored):
         tables.print_surface_notes(console, case.case, case.results)
@@ -252,7 +287,10 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
 
 
 def _counts(verdict: Verdict) -> str:
-    """Return the numbers of cases by status in words, such as "3 cases: 3 hold"."""
+    """Return the numbers of cases by status in words, such as "3 cases: 3 hold".
+
+    The statuses are those of `tables.STYLES`; a status without a case is left out.
+    """
     counts = Counter[str](case.status for case in verdict.cases)
     parts = []
     for status in tables.STYLES:
@@ -266,13 +304,20 @@ def _counts(verdict: Verdict) -> str:
 
 
 def _write_report(verdict: Verdict, output: Path) -> None:
-    """Draw the pictures of all cases that were solved and write the page of them."""
+    """Draw the pictures of all solved cases and write report.html.
+
+    `output` is the folder of the results, in which the report is written.  Raises
+    OutputError if a file cannot be written.
+    """
     from epcontact.output.report import report_folder  # with jinja2
 
     judged_cases = {judged.id: judged for judged in verdict.cases}
 
     def draw_case(case_id: str, *_: object) -> Pictures:
-        """Draw the pictures of a judged case; a skipped one has none."""
+        """Draw and return the pictures of a case by its id; a skipped case has none.
+
+        Further arguments of the report are not used.
+        """
         judged = judged_cases[case_id]
         if judged.skipped_because:
             return Pictures(())
@@ -282,7 +327,15 @@ def _write_report(verdict: Verdict, output: Path) -> None:
 
 
 def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pictures:
-    """Draw the pictures of a case; print why some could not be drawn."""
+    """Draw the pictures of a case into its folder and return their names.
+
+    A picture that cannot be drawn has a sentence on stderr with the reason.
+
+    Args:
+        case: The case.
+        results: Its results by method.
+        output: Folder of the results of all cases.
+    """
     # Charts take long to load.
     from epcontact.pictures.folder import draw_case
 
@@ -293,7 +346,11 @@ def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pic
 
 
 def _draw_films(case: Case, output: Path) -> None:
-    """Draw a film of every load path of a case; print where, or why it is left out."""
+    """Draw a film (.gif) of each load path of a case whose fields were written.
+
+    The files are printed on standard output, and on stderr why a film is missing.
+    `output` is the folder of the results of all cases.
+    """
     from epcontact.pictures.folder import draw_films
 
     folder = case.folder(output)
@@ -305,9 +362,10 @@ def _draw_films(case: Case, output: Path) -> None:
 
 
 def _load(text: CaseText, size: str) -> Case:
-    """Load a case at a size.
+    """Return a case at a size.
 
-    The size "auto" makes it cheaper by a plan, which a sentence on stderr describes.
+    At the size "auto" the grid is chosen by a plan, as coarse as the gates allow, and a
+    sentence on stderr describes the plan.  Raises InvalidCase for a bad case.
     """
     if size != "auto":
         return load_case(text, size)

@@ -80,7 +80,10 @@ def sweep(
 
 
 def _print_points(swept: Swept) -> None:
-    """Print the loads of the first points of a sweep, and the notes of all."""
+    """Print a table of the loads of the first `_ROWS` points of a sweep.
+
+    Below the table is each note of the results, with the number of tasks that have it.
+    """
     console = open_console()
     shown = dict(itertools.islice(swept.loads.items(), _ROWS))
     units = {}

@@ -40,11 +40,18 @@ def loads_table(
     A terminal with fewer columns than WIDE gets a line for each cell.  The elastic area
     is left out, because it is in the files.
 
+    A cell "mean ± error" is written by `epcontact.output.loads._cell`.  The error is
+    computed from the solved load steps by `_mean_row` in
+    `epcontact/harness/solving/method_results.py`: the root of the sum of squares of the
+    parts that the column "error of the total area by" lists.  The part "scatter" is
+    half the 95 % interval of the mean over the surfaces.
+
     Args:
-        loads: For each name the rows of its loads and the text of the last column.
-        kind: What the names are, such as "method".
+        loads: For each name the rows of its loads, from `load_rows`, and the text of
+            the last column.
+        kind: Heading of the names, such as "method".
         width: Columns of the terminal.
-        units: Units of further columns.
+        units: Units of further columns, by name of the quantity; "" for none.
     """
     columns = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
     all_rows = [row for rows, _ in loads.values() for row in rows]
@@ -62,7 +69,11 @@ def loads_table(
 
 
 def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Table:
-    """Return a table of each load of each method, with errors."""
+    """Return the table that `epcontact run` prints: each load of each method.
+
+    `results` are those of a case by method, and `width` is that of the terminal in
+    columns.  `loads_table` says where the numbers behind each ± are computed.
+    """
     loads = {}
     for name, method in results.items():
         if method.results:
@@ -73,8 +84,9 @@ def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Ta
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
     """Return a table of cases, each with its tightest gate.
 
-    That is the gate nearest to the end of its band, or one that could not be judged.  A
-    terminal of WIDE columns also shows the requirement, as far as there is room.
+    The tightest gate is the one nearest to the bound of its band, or one that could not
+    be judged.  A terminal of WIDE columns also shows the requirement, as far as there
+    is room.  `width` is the number of columns of the terminal.
     """
     is_wide = width >= WIDE
     table = new_table(("case", "verdict"), ("gates", "margin"))
@@ -84,14 +96,13 @@ def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
         table.add_column("requirement", no_wrap=True, max_width=room)
     for case in cases:
         margin = ""
-        name = Text("")
+        name: str | Text = ""
         gate = tightest(case.gates)
         if gate:
             margin = margin_text(gate)
             name = Text(f"{gate.quantity} of {gate.of}")
         count = str(len(case.gates))
-        row: list[str | Text] = [case.id, _styled(case.status), count, margin]
-        row.append(name if gate else "")
+        row: list[str | Text] = [case.id, _styled(case.status), count, margin, name]
         if is_wide:
             row.append(Text(case.requirement))
         table.add_row(*row)
@@ -99,16 +110,22 @@ def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
 
 
 def verdict_table(cases: Sequence[CaseVerdict], width: int = WIDE) -> Table:
-    """Return a table of the gates of cases.
+    """Return a table with a row for each gate of some cases.
 
-    A terminal with fewer columns than WIDE gets no values and references.
+    A terminal whose `width` is less than WIDE columns gets no values and references.
     """
-    table = _wide_gates(cases) if width >= WIDE else _narrow_gates(cases)
+    if width >= WIDE:
+        table = _wide_gates(cases)
+    else:
+        table = _narrow_gates(cases)
     return fit_table(table, width)
 
 
 def _wide_gates(cases: Sequence[CaseVerdict]) -> Table:
-    """Return the table of gates with their values and references."""
+    """Return the table of gates with their values and references, for a wide terminal.
+
+    A skipped case has a row without a gate.
+    """
     texts = ("case", "quantity", "of", "against", "value", "reference")
     table = new_table(texts, ("difference", "band"))
     table.columns[-1].no_wrap = True
@@ -125,11 +142,16 @@ def _wide_gates(cases: Sequence[CaseVerdict]) -> Table:
 
 
 def _narrow_gates(cases: Sequence[CaseVerdict]) -> Table:
-    """Return the table of gates without their values and references."""
+    """Return the table of gates without values and references, for a narrow terminal.
+
+    Each case has a row with its name, above those of its gates.
+    """
     table = new_table(("gate",), ("difference", "band"))
     table.add_column("verdict", no_wrap=True)
     for case in cases:
-        status = _styled(case.status) if case.skipped_because else ""
+        status = ""
+        if case.skipped_because:
+            status = _styled(case.status)
         table.add_row(f"[bold]{case.id}[/]", "", "", status)
         for gate in case.gates:
             quantity, of, against, _, _, difference, band, verdict = _gate_row(gate)
@@ -144,9 +166,13 @@ def _styled(status: str) -> str:
 
 
 def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
-    """Return the eight cells of a gate.
+    """Return the eight texts of a judged gate.
 
-    They are quantity, of, against, value, reference, difference, band and verdict.
+    They are: quantity with the norm of its difference, the method that is judged (of),
+    its reference (against), value, reference, difference, band and verdict.  Value,
+    reference, difference and band are empty if the gate could not be judged.  The
+    number behind a ± is the half-width of a 95 % interval; a band "± x" reaches from -x
+    to x.
     """
     against = gate.against if isinstance(gate.against, str) else "number"
     norm = "" if gate.norm in ("relative", "absolute") else f" ({gate.norm})"
@@ -157,7 +183,10 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     in_percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
 
     def show(x: float, digits: int = 2) -> str:
-        """Return a number in per cent or with an exponent, and with its sign."""
+        """Return a difference with its sign, in per cent or with an exponent.
+
+        `digits` is the number of decimals.
+        """
         return f"{100 * x:+.{digits}f} %" if in_percent else f"{x:+.{digits}e}"
 
     difference = show(gate.difference.mean)
@@ -182,7 +211,10 @@ def gamma_sentence(case: Case) -> str:
 
 
 def shown_estimate(estimate: Estimate) -> str:
-    """Return a mean, with the half-width of its interval if it has one."""
+    """Return a mean as text, with " ± " and the half-width of its 95 % interval.
+
+    A mean without an interval stands alone.
+    """
     mean = f"{estimate.mean:.5g}"
     if estimate.half_width:
         return f"{mean} ± {estimate.half_width:.2g}"
@@ -192,7 +224,10 @@ def shown_estimate(estimate: Estimate) -> str:
 def print_surface_notes(
     console: Console, case: Case, results: Mapping[str, MethodResults]
 ) -> None:
-    """Print the notes that all results of a case share: those on its surfaces."""
+    """Print the notes that all results of a case have: those on its surfaces.
+
+    `results` are those of the case by method.
+    """
     notes = []
     for method in results.values():
         notes += [result.notes for result in method.results]
@@ -204,7 +239,11 @@ def print_surface_notes(
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
-    """Print why a case was skipped, the gates that do not hold, and each error once."""
+    """Print the reasons why a case was skipped or does not hold.
+
+    These are the reason for skipping it, each gate that does not hold, and each error
+    of a solve that no gate reports; gates with the same error are printed once.
+    """
     if case.skipped_because:
         print_sentence(console, f"{case.id}: {case.skipped_because}")
     printed = set()

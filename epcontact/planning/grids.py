@@ -46,23 +46,28 @@ class Section:
 
     @property
     def fingerprint(self) -> str:
-        """The fingerprint of the surface, and the direction."""
+        """The text that identifies the line in results: direction and surface."""
         return f"section/1 axis={self.axis} of {self.surface.fingerprint}"
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Grid points along the line."""
+        """Number of grid points along the line, a tuple of one number."""
         return (self.surface.shape[self.axis],)
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """The period in m."""
+        """The period along the line in m, a tuple of one number."""
         return (self.surface.periods[self.axis],)
 
     def build(self) -> Surface:
-        """Return the line, from two points across it if the recipe allows."""
-        shape = (*self.shape, 2) if self.axis == 0 else (2, *self.shape)
-        narrow = on_grid(self.surface, shape) or self.surface
+        """Return the line as a `Surface` with heights of shape (n,).
+
+        The two-dimensional surface is built on two points across the line, if its
+        recipe can be put on such a grid, to save time.
+        """
+        points = [2, 2]
+        points[self.axis] = self.shape[0]
+        narrow = on_grid(self.surface, tuple(points)) or self.surface
         surface = narrow.build()
         return replace(
             surface,
@@ -74,9 +79,10 @@ class Section:
 
 
 def one_directional(recipe: Recipe) -> int | None:
-    """Return the only axis along which the heights vary; None if there are two or none.
+    """Return the axis, 0 or 1, along which alone the heights of a surface vary.
 
-    The heights are judged on a coarse grid if the recipe allows.
+    None if they vary along both axes or not at all, or if the recipe is that of a line.
+    The heights are built on 64 x 64 points, if the recipe can be put on such a grid.
     """
     if len(recipe.shape) != 2:
         return None
@@ -92,7 +98,7 @@ def one_directional(recipe: Recipe) -> int | None:
 
 
 def ladder(recipe: Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
-    """Return the shapes of the grids that are tried, from coarse to fine.
+    """Return the shapes of the grids that a plan tries, from coarse to fine.
 
     Args:
         recipe: The surface, whose own grid is among them.
@@ -113,8 +119,13 @@ def ladder(recipe: Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
 
 
 def points_per_wavelength(recipe: Recipe) -> float:
-    """Return the points per shortest wavelength of self-affine roughness; else NaN."""
-    base = recipe.surface if isinstance(recipe, Section) else recipe
+    """Return the points per shortest wavelength along the coarser axis of the grid.
+
+    NaN if the surface is not self-affine, and so has no shortest wavelength.
+    """
+    base = recipe
+    if isinstance(recipe, Section):
+        base = recipe.surface
     if not isinstance(base, SelfAffine):
         return math.nan
     spacings = np.array(recipe.periods) / np.array(recipe.shape)
@@ -122,18 +133,21 @@ def points_per_wavelength(recipe: Recipe) -> float:
 
 
 def on_grid(recipe: Recipe, shape: tuple[int, ...]) -> Recipe | None:
-    """Return the surface on a grid of another shape.
+    """Return the recipe of the same surface on a grid of another shape.
 
-    The result is None if the surface has but one grid, as measured heights have, or if
-    the grid is too coarse for it.
+    The result is None if the surface has only one grid, as measured heights have, or if
+    the grid is too coarse for it.  The recipe of a line takes a shape of one number.
     """
     if shape == recipe.shape:
         return recipe
     if isinstance(recipe, Section):
         points_across = recipe.surface.shape[1 - recipe.axis]
-        full = (*shape, points_across) if recipe.axis == 0 else (points_across, *shape)
-        surface = on_grid(recipe.surface, full)
-        return None if surface is None else Section(surface, recipe.axis)
+        points = [points_across, points_across]
+        points[recipe.axis] = shape[0]
+        surface = on_grid(recipe.surface, tuple(points))
+        if surface is None:
+            return None
+        return Section(surface, recipe.axis)
     if isinstance(recipe, HeightsFromArray | HeightsFromFile | Mirrored | Facing):
         return None
     try:

@@ -33,7 +33,8 @@ PILOT_FRACTION = 0.2
 #: the last.
 STEPS = (5, 10, 20, 80)
 
-#: A function that solves one recipe; further keywords are options of the method.
+#: A function that solves a case on the surface of one recipe; further keywords are
+#: options of the method.
 Solver = Callable[..., "Pilot"]
 
 
@@ -45,7 +46,8 @@ class Pilot(NamedTuple):
         areas: Corrected areas at one load.
         error: Largest relative error estimate of the wanted parts of the area.
         raw_error: The same for raw areas.
-        work: FFT pairs, or sweeps over the unknowns, times points.
+        work: Cost that does not depend on the machine: FFT pairs (boundary elements) or
+            iterations (finite elements) times the number of unknowns.
         notes: Notes on the surface.
         step: Number of the load whose areas these are.
     """
@@ -67,7 +69,7 @@ class Candidate(NamedTuple):
         surfaces: Number of surfaces.
         grid_error: Relative error of the areas by the grid.
         scatter: Relative half-width of the 95 % interval of the mean over surfaces.
-        work: FFT pairs, or sweeps over the unknowns, times points, of all surfaces.
+        work: The work, as in `Pilot`, of all surfaces together.
     """
 
     shape: tuple[int, ...]
@@ -82,7 +84,8 @@ class Candidate(NamedTuple):
         return math.hypot(self.grid_error, self.scatter)
 
 
-#: Options of a quick solve, from which only the areas are wanted.
+#: Options of a quick solve, from which only the areas are wanted, by method.  Finite
+#: elements have no such option.
 _QUICK: dict[str, dict[str, Any]] = {"bem": {"area_tolerance": 1e-4}}
 
 
@@ -95,7 +98,7 @@ def solve_pilot(
     step: int | None = None,
     **options: Any,
 ) -> Pilot:
-    """Solve a case on one surface roughly.
+    """Solve a case on one surface to the accuracy that a plan needs.
 
     Args:
         case: The case.
@@ -105,7 +108,10 @@ def solve_pilot(
         threads: Number of threads; None: all cores.
         step: Number of the load whose areas are wanted; None: the load whose total area
             has the largest relative error estimate.
-        options: Options of the method, beside those of the case.
+        options: Options of the method that replace those of the case.
+
+    Raises:
+        EpcontactError: The options do not fit, or the solve fails.
     """
     scene = case.scene(recipe)
     all_options = _QUICK.get(method, {}) | dict(case.options.get(method, {})) | options
@@ -139,7 +145,10 @@ def solve_pilot(
 
 
 def _least_accurate_step(result: ContactResult) -> int:
-    """Return the number of the load whose area has the largest relative error."""
+    """Return the index of the load whose area has the largest relative error estimate.
+
+    An area of 0 counts as one without an error.
+    """
     errors = []
     for step in result.steps:
         area = step.areas["corrected"].total
@@ -148,13 +157,15 @@ def _least_accurate_step(result: ContactResult) -> int:
 
 
 def estimate_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the relative error on a grid, solved or extrapolated.
+    """Return the relative error estimate of the areas on a grid.
 
-    It is extrapolated by the order between the two finest solved grids, which is
-    limited to 1 to 2: the random position of a rim has the order 1, its curvature 2.
+    If no pilot was solved on this grid, the error of the finest solved grid is
+    extrapolated with the order of convergence between the two finest solved grids.  The
+    order is limited to 1 to 2: the random position of a contact's edge between grid
+    points has the order 1, its curvature 2.
 
     Args:
-        pilots: Solves on at least one grid.
+        pilots: Solves on one or more grids.
         shape: Shape of the grid.
     """
     errors: dict[tuple[int, ...], float] = {}
@@ -172,9 +183,14 @@ def estimate_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
 
 
 def estimate_work(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the work of a solve on a grid, solved or scaled by the number of points.
+    """Return the work, as in `Pilot`, of a solve of one surface on a grid.
 
-    The work is in FFT pairs, or sweeps over the unknowns, times points.
+    It is the mean of the pilots on this grid or, if there are none, that on the finest
+    solved grid times the ratio of the numbers of points.
+
+    Args:
+        pilots: Solves on one or more grids.
+        shape: Shape of the grid.
     """
     solved = shape
     if all(pilot.shape != shape for pilot in pilots):
@@ -198,7 +214,9 @@ def finite_element_options(
         tolerance: Relative tolerance on the area.
 
     Returns:
-        The options, and a sentence with the reason for each.
+        The options by name, `depth` (m) and `steps`, and a sentence with the reason for
+        each.  An option is left out if the case has the depth, if its body is a layer,
+        or if its law has no increments.
     """
     options: dict[str, Any] = {}
     reasons = []
@@ -232,10 +250,11 @@ def finite_element_options(
 def solve_pilots(
     recipes: Sequence[Recipe], solve: Solver, tolerance: float
 ) -> list[Pilot]:
-    """Solve the first surface on finer grids until one suffices, and others once.
+    """Solve the first surface on several grids, and the others on the coarsest one.
 
-    The grids end where the pilots would cost more than `PILOT_FRACTION` of the case.
-    Up to `PILOT_SURFACES` surfaces are solved on the coarsest grid.
+    The grids become finer until the error estimate is at most 0.7 of the tolerance, or
+    the pilots would cost more than `PILOT_FRACTION` of the case.  Up to
+    `PILOT_SURFACES` surfaces are solved on the coarsest grid.
 
     Args:
         recipes: The surfaces of the case.
@@ -259,14 +278,19 @@ def solve_pilots(
 
 
 def on_coarsest_grid(pilots: Sequence[Pilot]) -> list[Pilot]:
-    """Return the pilots on the coarsest grid, one for each surface."""
+    """Return the pilots on the grid of the first pilot, one for each surface.
+
+    The pilots are in the order of `solve_pilots`, whose first grid is the coarsest.
+    """
     return [pilot for pilot in pilots if pilot.shape == pilots[0].shape]
 
 
 def largest_deviation(pilots: Sequence[Pilot], parts: Sequence[str]) -> float:
-    """Return the largest relative standard deviation of the parts between surfaces.
+    """Return the relative standard deviation of the areas between surfaces.
 
-    It is an upper 80 % bound, because the pilots are few, and 0 for one surface.
+    It is the largest of those of the `parts` of the area (total, elastic, plastic) on
+    the coarsest grid, and an upper 80 % bound, because the pilots are few.  It is 0 for
+    one surface.
     """
     largest = 0.0
     for part in parts:
@@ -297,7 +321,9 @@ def cheapest(
             excluded.
     """
     candidates = []
-    most = len(recipes) if capped else MOST_SURFACES
+    most = MOST_SURFACES
+    if capped:
+        most = len(recipes)
     for shape in ladder(recipes[0], beyond=not capped):
         error = estimate_error(pilots, shape)
         count = 1
@@ -315,9 +341,12 @@ def cheapest(
 
 
 def _sufficient_surfaces(deviation: float, half_width: float, most: int) -> int:
-    """Return the fewest surfaces whose mean has an interval of at most a half-width.
+    """Return the fewest surfaces whose mean has a narrow 95 % interval.
 
-    The number is `most` if no smaller number suffices.
+    Args:
+        deviation: Relative standard deviation between surfaces.
+        half_width: Largest relative half-width of the interval.
+        most: The number that is returned if no smaller one suffices.
     """
     for count in range(2, most + 1):
         if student_half_width(deviation, count) <= half_width:

@@ -71,7 +71,8 @@ class Plan:
         grid_error: Relative error of the areas by the grid; for the theory its error by
             the map, or its distance from the pilots with their uncertainty.
         scatter: Relative half-width of the 95 % interval of the mean over surfaces.
-        work: FFT pairs, or sweeps over the unknowns, times points of the model.
+        work: FFT pairs, or iterations of finite elements, times the number of unknowns,
+            of all surfaces.
         given_work: The same for the given case.
         pilot_work: The same for the pilots.
         reasons: Sentences.
@@ -105,7 +106,9 @@ class Plan:
     @property
     def surfaces(self) -> int:
         """Number of surfaces that are solved; the theory needs one spectrum."""
-        return len(self.recipes) if self.on_grid else 1
+        if self.on_grid:
+            return len(self.recipes)
+        return 1
 
     @property
     def on_grid(self) -> bool:
@@ -166,7 +169,12 @@ def plan(
     step: int | None = -1 if only_last_load else None
 
     def solve(recipe: Recipe, **tried: Any) -> Pilot:
-        """Solve a pilot with the options chosen so far and those that are tried."""
+        """Return a pilot of the case on one surface.
+
+        `tried` are options of the method that are added to those chosen so far.  The
+        first pilot chooses the load that all later ones are for.  Raises EpcontactError
+        if the solve fails.
+        """
         nonlocal step
         if progress is not None:
             points = " x ".join(map(str, recipe.shape))
@@ -177,9 +185,11 @@ def plan(
         step = pilot.step
         return pilot
 
-    if method == "fem":
+    # Finite elements are the only such method with a grid that a plan can choose.
+    if METHODS[method].has_model_measures:
         options, of_options = finite_element_options(case, recipes[0], solve, tolerance)
         reasons += of_options
+    # "fem" is the table of the case file with the law of the finite elements.
     if case.options.get("fem", {}).get("law") == "j2":
         reasons += _reasons_on_cap(case, recipes[0], method, tolerance)
     pilots = solve_pilots(recipes, solve, tolerance)
@@ -233,7 +243,13 @@ def plan(
 def _method_to_plan(case: Case, parts: Sequence[str]) -> str:
     """Return the cheapest method of a case that a plan can choose a grid for.
 
-    Raises InvalidCase if there is none, or if the method has no such part of the area.
+    Args:
+        case: The case.
+        parts: The wanted parts of the area: total, elastic, plastic.
+
+    Raises:
+        InvalidCase: The case is skipped, has no such method, or wants a plastic area of
+            an elastic body.
     """
     if case.skip:
         raise InvalidCase(f"{case.id}: {case.skip}")
@@ -243,7 +259,8 @@ def _method_to_plan(case: Case, parts: Sequence[str]) -> str:
             f"{case.id}: no method on a grid answers it, so it needs no plan"
         )
     is_elastic = math.isinf(case.material.hardness)
-    if "plastic" in parts and is_elastic and methods[0] != "fem":
+    flows = METHODS[methods[0]].has_model_measures  # J2 flow needs no hardness
+    if "plastic" in parts and is_elastic and not flows:
         raise InvalidCase(
             f"{case.id}: a body without hardness has no plastic area to plan for"
         )
@@ -251,9 +268,10 @@ def _method_to_plan(case: Case, parts: Sequence[str]) -> str:
 
 
 def methods_on_grids(case: Case) -> list[str]:
-    """Return the methods of a case that a grid makes exact, the cheapest first.
+    """Return the methods of a case whose grid a plan can choose, the cheapest first.
 
-    Solvers of the user are left out, because the errors of their areas are not known.
+    These are boundary elements ("bem") and finite elements ("fem").  Solvers of the
+    user and other codes are left out, because the errors of their areas are not known.
     """
     return [
         name
@@ -265,11 +283,18 @@ def methods_on_grids(case: Case) -> list[str]:
 def _reasons_on_cap(
     case: Case, recipe: Recipe, method: str, tolerance: float
 ) -> list[str]:
-    """Return sentences on whether a pressure cap represents the J2 body of a case."""
+    """Return sentences on whether a pressure cap represents the J2 body of a case.
+
+    Args:
+        case: A case whose finite elements flow by J2.
+        recipe: One of its surfaces; there are no sentences unless it is self-affine.
+        method: Name of the method that the plan is for.
+        tolerance: Relative tolerance on the area.
+    """
     if not isinstance(recipe, SelfAffine):
         return []
     reasons = []
-    if method != "fem" and not case.mapped_hardness:
+    if not METHODS[method].has_model_measures and not case.mapped_hardness:
         reasons.append(
             f"the plan is for the body with a cap of {case.material.hardness:.3g} Pa, "
             "not for J2 flow"
@@ -279,7 +304,9 @@ def _reasons_on_cap(
     except InvalidScene as error:
         return [*reasons, f"no pressure cap is known for the J2 body: {error}"]
     # The area under a cap grows at most as the inverse of the cap.
-    verb = "can" if cap.error <= tolerance else "cannot"
+    verb = "cannot"
+    if cap.error <= tolerance:
+        verb = "can"
     reasons.append(
         f"boundary elements with hardness = 'effective', {cap.value:.3g} Pa, {verb} "
         f"represent the J2 body: their area is that of J2 within {cap.error:.2g}, with "
@@ -292,20 +319,35 @@ def _reasons_on_cap(
 def _reason_for_grid(
     recipe: Recipe, chosen: Candidate, is_solved: bool, raw: bool
 ) -> str:
-    """Return the sentence on the grid and its error."""
+    """Return the sentence on the grid of a plan and its error.
+
+    Args:
+        recipe: The surface.
+        chosen: The grid.
+        is_solved: Whether a pilot was solved on this grid.
+        raw: Whether the plan takes raw areas, not corrected ones.
+    """
     grid = " x ".join(map(str, chosen.shape)) + " points"
     resolution = points_per_wavelength(on_grid(recipe, chosen.shape) or recipe)
     if not math.isnan(resolution):
         grid += f" ({resolution:.3g} points per shortest wavelength)"
-    kind = (
-        "raw areas, which are as good as corrected ones" if raw else "corrected areas"
-    )
-    origin = "as a pilot solve found" if is_solved else "extrapolated from pilot solves"
+    kind = "corrected areas"
+    if raw:
+        kind = "raw areas, which are as good as corrected ones"
+    origin = "extrapolated from pilot solves"
+    if is_solved:
+        origin = "as a pilot solve found"
     return f"on {grid} the grid's error of {kind} is {chosen.grid_error:.2g}, {origin}"
 
 
 def _reason_for_surfaces(given: int, chosen: Candidate, deviation: float) -> str:
-    """Return the sentence on the number of surfaces; the case has `given` of them."""
+    """Return the sentence on the number of surfaces of a plan.
+
+    Args:
+        given: Number of surfaces of the case.
+        chosen: The grid with the number of surfaces that was chosen.
+        deviation: Relative standard deviation between surfaces, an upper 80 % bound.
+    """
     if given == 1:
         return "the case has one surface, so the plan is for the area of that surface"
     return (
@@ -315,9 +357,14 @@ def _reason_for_surfaces(given: int, chosen: Candidate, deviation: float) -> str
 
 
 def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe, ...]:
-    """Return the first surfaces of a case on the chosen grid, and new ones if needed.
+    """Return the recipes of as many surfaces as a plan needs, on the chosen grid.
 
-    New surfaces have the seeds after the largest of the given ones.
+    They are the first ones of the case.  If the plan needs more, copies of the first
+    one get the seeds after the largest of the case.
+
+    Args:
+        given: Recipes of the case.
+        chosen: The grid and the number of surfaces.
     """
     recipes = [on_grid(r, chosen.shape) or r for r in given[: chosen.surfaces]]
     seeded = [recipe for recipe in recipes if isinstance(recipe, SelfAffine)]
@@ -332,7 +379,9 @@ def _chosen_recipes(given: Sequence[Recipe], chosen: Candidate) -> tuple[Recipe,
 def _with_theory(
     case: Case, method: str, pilots: Sequence[Pilot], numerical: Plan
 ) -> Plan:
-    """Return the plan with the theory as its method if the theory is accurate enough.
+    """Return the plan for the theory, if the theory is accurate enough.
+
+    Otherwise the plan is the numerical one with the reason why the theory is not.
 
     Args:
         case: The case.
@@ -373,10 +422,18 @@ def _error_by_map(
 ) -> tuple[float, float] | None:
     """Return the relative error of the theory's areas by the map of its errors.
 
+    Args:
+        case: The case.
+        method: Name of the theory.
+        scene: A scene of the case.
+        numerical: The plan for the numerical method, which has load and parts.
+
     Returns:
-        The largest error of the wanted parts and the middle of its interval; None where
-        the map has none.
+        Among the wanted parts of the area, the largest bound of a 95 % interval of the
+        relative error, and the absolute value of the middle of this interval.  None if
+        the map does not contain such a scene.
     """
+    # The map is one of this theory on self-affine roughness.
     if method != "persson" or not isinstance(case.recipes[0], SelfAffine):
         return None
     load = scene.load.path[numerical.step]
@@ -399,9 +456,18 @@ def _error_by_map(
 def _error_by_pilots(
     case: Case, method: str, scene: Scene, pilots: Sequence[Pilot], parts: Sequence[str]
 ) -> tuple[float, str]:
-    """Return the theory's relative difference from the pilots plus their uncertainty.
+    """Return the relative error of the theory's areas by its difference from pilots.
 
-    The second value is the beginning of a sentence that says so.
+    Args:
+        case: The case.
+        method: Name of the theory.
+        scene: A scene of the case.
+        pilots: The pilots of the numerical method.
+        parts: The wanted parts of the area: total, elastic, plastic.
+
+    Returns:
+        The largest relative difference of a part plus the uncertainty of the pilots,
+        and the beginning of a sentence that says so.
     """
     result = METHODS[method].solve(scene, case.options[method], 1)
     theory = result.steps[pilots[0].step].areas["raw"]
@@ -423,7 +489,7 @@ def _error_by_pilots(
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:
-    """Return the case with the plan's grid, surfaces and options, as size "auto"."""
+    """Return a case with the grid, surfaces and options of its plan, as size "auto"."""
     options = {method: dict(given) for method, given in case.options.items()}
     if chosen.method in options and chosen.on_grid:
         options[chosen.method] |= chosen.options
@@ -474,11 +540,19 @@ def achieved_error(
         raise InvalidCase(f"{chosen.case}: there is no answer to judge the plan by")
     if finer is None and not chosen.on_grid:
         return chosen.expected_error
-    best = results if finer is None else finer
-    ensemble = results if chosen.on_grid else best
+    best = results
+    if finer is not None:
+        best = finer
+    ensemble = best
+    if chosen.on_grid:
+        ensemble = results
 
     def areas(of: MethodResults, kind: str, part: str) -> list[float]:
-        """Return one part of the area for each surface."""
+        """Return one area of each surface at the plan's load, over the nominal area.
+
+        `kind` is "raw", "corrected" or "error"; `part` is "total", "elastic" or
+        "plastic".
+        """
         steps = [result.steps[chosen.step] for result in of.results]
         return [getattr(step.areas[kind], part) for step in steps]
 
@@ -497,10 +571,16 @@ def achieved_error(
 
 
 def load_auto(text: CaseText) -> tuple[Case, str]:
-    """Load a case at size "auto", with a sentence on what `auto_case` did.
+    """Load a case at size "auto": with the cheapest grid that its gates allow.
 
-    The case is loaded at its largest size but "large", if it has another, and made
-    cheaper unless it is skipped.
+    The case is loaded at its largest size, but at "large" only if it has no other, and
+    is given to `auto_case` unless it is skipped.
+
+    Returns:
+        The case, and the sentence of `auto_case`; empty for a skipped case.
+
+    Raises:
+        InvalidCase: The case file has a mistake.
     """
     sizes = [size for size in text.sizes if size != "large"] or ["large"]
     case = load_case(text, sizes[-1])
@@ -544,11 +624,16 @@ def auto_case(case: Case, *, threads: int | None = None) -> tuple[Case, str]:
     return planned_case(case, chosen), f"{case.id}: {'; '.join(chosen.reasons)}"
 
 
+#: Names of the quantities of gates that are corrected areas.
 _CORRECTED = re.compile(r"area\.(total|elastic|plastic)\.corrected")
 
 
 def _is_plannable(gate: Gate) -> bool:
-    """Return whether a gate depends on the grid only through corrected areas."""
+    """Return whether a gate depends on the grid only through corrected areas.
+
+    Gates on methods without a grid, on residuals and on counts of iterations do not
+    depend on the grid.
+    """
     if not METHODS[gate.of].has_fields or _CORRECTED.fullmatch(gate.quantity):
         return True
     independent = ("residual.", "iterations.", "quantity.measured_")
