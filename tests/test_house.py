@@ -31,7 +31,7 @@ FLOORS = (
 TOKENS = {
     "epcontact": 148,
     "epcontact.bem": 29_582,
-    "epcontact.cli": 9_569,
+    "epcontact.cli": 9_625,
     "epcontact.crosscheck": 3_203,
     "epcontact.errors": 362,
     "epcontact.files": 859,
@@ -43,7 +43,7 @@ TOKENS = {
     "epcontact.peers": 5_122,
     "epcontact.persson": 13_295,
     "epcontact.pictures": 3_029,
-    "epcontact.planning": 5_065,
+    "epcontact.planning": 5_088,
     "epcontact.reference": 7_272,
     "epcontact.results": 2_005,
     "epcontact.scene": 3_096,

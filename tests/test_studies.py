@@ -371,7 +371,7 @@ def fits_of_gamma(width, gamma, gamma_elastic):
     fits = []
     for name in theory.AREAS:
         part, hardness, reduction = "total", math.inf, gamma_elastic
-        if name in theory.PARTS:
+        if name in scenes.PARTS:
             part, hardness, reduction = name, scenes.HARDNESS, gamma
         diffusion = reduction * scenes.MODULUS**2 / 8
         contact = persson.areas(diffusion, scenes.MEAN_PRESSURE, hardness)

@@ -54,7 +54,7 @@ class _Commands(click.Group):
     """The group of `COMMANDS`; each is imported when it runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands."""
+        """Return the names of the commands, which do not depend on `ctx`."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
@@ -99,9 +99,10 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Run the command line and exit.
+    """Run the command of `sys.argv` and exit with its code.
 
-    An intended error is a sentence on stderr and the exit code 2.
+    The code is 0 if the command did its work, 1 if a gate fell short, 2 after an error,
+    which is a sentence on stderr, and 130 after an interrupt.
     """
     signal.signal(signal.SIGTERM, _interrupt)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -111,7 +112,10 @@ def main() -> None:
 
 
 def _prepare_streams() -> None:
-    """Replace closed standard streams, and show "?" for symbols that they lack."""
+    """Replace closed standard streams by the null device.
+
+    All streams also write "?" for characters that their encoding lacks.
+    """
     for name in ("stdin", "stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:

@@ -96,11 +96,11 @@ def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., No
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        """Add the options to a command and hand them to it as a `Run`."""
+        """Return a command with the options, which passes them to it as a `Run`."""
 
         @functools.wraps(command)
         def call(**arguments: Any) -> None:
-            """Call the command with a `Run` made of its options."""
+            """Call the command with a `Run` of the options, and its other arguments."""
             settings = Run(**{name: arguments.pop(name) for name in names})
             command(settings=settings, **arguments)
 

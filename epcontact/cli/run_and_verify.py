@@ -178,7 +178,7 @@ def verify(
         require_links_inside(output)  # the report would refuse them after all solves
 
     def draw(verdict: Verdict) -> None:
-        """Draw films and the report of a verdict, as the options ask."""
+        """Draw the films and the report of a verdict that the options ask for."""
         if fields == "film":
             for judged_case in verdict.cases:
                 _draw_films(judged_case.case, output)
@@ -188,7 +188,11 @@ def verify(
     judged: list[CaseVerdict] = []
 
     def live_table(lines: int, width: int) -> Table:
-        """Return the table of the last cases; those that do not hold stay in sight."""
+        """Return the table of the cases that were judged so far, for a terminal.
+
+        It has at most `lines` cases for a terminal of `width` columns: those that do
+        not hold, and the last of the others.
+        """
         by_status = sorted(judged, key=lambda case: case.status != "holds")
         return tables.cases_table(by_status[-lines:], width)
 

@@ -18,9 +18,11 @@ _PIPE = 200
 
 
 def open_console() -> Console:
-    """Return the console of standard output; in a pipe it is as wide as tables need."""
+    """Return the console of standard output; in a pipe it has `_PIPE` columns."""
     console = Console()
-    return console if console.is_terminal else Console(width=_PIPE)
+    if console.is_terminal:
+        return console
+    return Console(width=_PIPE)
 
 
 def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
@@ -95,9 +97,10 @@ def print_rows(
 
 
 def print_sentence(console: Console, sentence: str) -> None:
-    """Print a sentence, on a terminal in lines of whole words.
+    """Print a sentence on a console.
 
-    The lines after the first are indented.
+    On a terminal the lines are broken between words, and all but the first are
+    indented; in a pipe the sentence is one line.
     """
     width = 2 * len(sentence)
     if console.is_terminal:

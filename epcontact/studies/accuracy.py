@@ -50,7 +50,9 @@ _METHODS = {name: method.abbreviation or name for name, method in METHODS.items(
 #: Differences of areas are over the reference, or over this fraction of the nominal
 #: area if the reference is smaller.
 SMALLEST_AREA = 1e-3
-#: What two scenes have in common if they are similar, with the words of the terminal.
+#: The dimensionless groups on which the result of a scene depends: columns of the
+#: tables, with the names that a terminal shows.  "waves" is the ratio of the longest to
+#: the shortest wavelength.
 PLACE = {
     "load": "p0/(E* ξ)",
     "hardness": "hardness/(E* ξ)",
@@ -73,8 +75,9 @@ _COLUMNS = [
 def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
     """Return a row for each quantity, pair of methods and scene.
 
-    A row has value and reference, as means over the surfaces.  `time` is that of a
-    solve over that of boundary elements on 4 points a wave of the same surface.
+    A row has `value` and `reference`, means over the surfaces in the unit of the
+    quantity, and the dimensionless groups `PLACE`.  `time` is that of a solve over that
+    of boundary elements on 4 points per shortest wave of the same surface.
 
     Args:
         folders: Output folders of `epcontact sweep` and `epcontact verify`; none: the
@@ -108,14 +111,15 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
 
 
 def write_table(rows: pd.DataFrame, path: Path) -> None:
-    """Write rows as a table in CSV; raise OutputError if that is not possible."""
+    """Write a table to a CSV file; raise OutputError if that is not possible."""
     with atomic_write(path) as file:
         rows.to_csv(file, index=False, float_format="%.6g")
 
 
 def _theory_rows() -> pd.DataFrame:
-    """Return rows of the theory against boundary elements, from the map of its
-    error.
+    """Return rows, as `read_rows`, of the theory against boundary elements.
+
+    They are computed from the package's map of the theory's error.
     """
     table = theory_map()
     capped = np.isfinite(table["hardness"])
@@ -151,7 +155,10 @@ def _theory_rows() -> pd.DataFrame:
 
 
 def _law_rows() -> pd.DataFrame:
-    """Return rows of the laws of conductance against boundary elements."""
+    """Return rows, as `read_rows`, of laws of conductance against boundary elements.
+
+    They are computed from the package's table of conductances.
+    """
     table = conductance.ratios(conductance.table_of_package())
     rows = table.assign(
         quantity="conductance",
@@ -168,8 +175,13 @@ def _law_rows() -> pd.DataFrame:
 def verdict_rows(figures: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a verdict, one for each gate on a quantity of the ledger.
 
+    Gates whose reference is 0 are left out, because their value is an error itself.
+
     Args:
-        figures: The table of `compare.read_values`.
+        figures: The values of a verdict, from `compare.read_values`.
+
+    Returns:
+        Rows as those of `read_rows`.
     """
     rows = []
     for row in figures.dropna(subset="low").to_dict("records"):
@@ -197,10 +209,16 @@ def verdict_rows(figures: pd.DataFrame) -> pd.DataFrame:
 
 
 def sweep_rows(folders: Sequence[Path]) -> pd.DataFrame:
-    """Return the rows of several sweeps together.
+    """Return the rows, as `read_rows`, of several sweeps together.
 
-    What a sweep solves on a finer grid, or by another method, is a reference for the
-    other results.
+    The results of a scene on its finest grid, and those of other methods, are the
+    references of the scene's other results.
+
+    Args:
+        folders: Output folders of `epcontact sweep`.
+
+    Raises:
+        OutputError: A file cannot be read.
     """
     members = []
     for folder in folders:
@@ -239,8 +257,24 @@ def sweep_rows(folders: Sequence[Path]) -> pd.DataFrame:
 _CONTINUUM = "continuum"
 
 
-def _member(method: str, seed: Any, result: Any) -> dict[str, Any]:
-    """Return the row of one result of a sweep: its quantities, place and cost."""
+def _member(
+    method: str,
+    seed: Any,
+    result: Any,
+) -> dict[str, Any]:
+    """Return a row with the quantities, the dimensionless groups and cost of a result.
+
+    Args:
+        method: Name of the method.
+        seed: Seed of the surface; None if it has none.
+        result: The result, as read from the files of a sweep.
+
+    Returns:
+        Values of `QUANTITIES` by name, the columns of `PLACE`, and: method, seed,
+        points (per shortest wave), scene (a text that is the same for all surfaces and
+        grids), seconds, fft_pairs, distribution (of the pressure) and cap (the hardness
+        in Pa).
+    """
     about = {name: part["value"] for name, part in result.provenance.about.items()}
     surface = str(about.get("surface"))
     points = about.get("resolution", 0.0)
@@ -314,10 +348,18 @@ def _pairs(
 def _values_and_references(
     both: pd.DataFrame, quantity: str, name: str
 ) -> pd.DataFrame | None:
-    """Return merged rows with the columns value and reference of a quantity.
+    """Return merged rows with added columns `value` and `reference` of a quantity.
 
-    The reference of a raw area in the continuum is the corrected area.  The result is
-    None if the rows do not have the quantity, or a raw area has no such reference.
+    Args:
+        both: Rows of `_member`, each joined with its reference, whose columns end in
+            "_ref".
+        quantity: A key of `QUANTITIES`.
+        name: Name of the reference.  If it is "continuum", the reference of a raw area
+            is the corrected area.
+
+    Returns:
+        The rows; None if they do not have the quantity, or if a raw area would be
+        compared with boundary elements in general.
     """
     if quantity == "distribution":
         distances = []
@@ -340,9 +382,13 @@ def _values_and_references(
 
 
 def differences(rows: pd.DataFrame) -> pd.Series:
-    """Return the difference of each row relative to its reference.
+    """Return the relative difference (value - reference)/reference of each row.
 
-    See `SMALLEST_AREA` for areas; a distance is a difference by itself.
+    The difference of an area is divided by `SMALLEST_AREA` if the reference is smaller.
+    That of a distance between distributions is its value.
+
+    Args:
+        rows: The rows of `read_rows`.
     """
     is_area = rows["quantity"].str.startswith("A")
     floor = np.where(is_area, SMALLEST_AREA, 0.0)
@@ -407,7 +453,14 @@ def accuracy(
     work = Axis("work", "FFT pairs of a grid of 4 points a wave (–)")
     for x, name in ((time, "time"), (work, "FFT pairs")):
         drawn = table[table[x.column] > 0].reset_index()
-        plot = Plot(x, y, ("method", "kind"), mark="kind", log="xy", front=True)
+        plot = Plot(
+            x,
+            y,
+            ("method", "kind"),
+            mark="kind",
+            log="xy",
+            front=True,
+        )
         if len(drawn):
             yield plot, drawn, f"Accuracy against {name}"
 
@@ -418,14 +471,23 @@ def accuracy(
     equal = equal.assign(pair="equal, and within 5 %", style="curve")
     x = Axis("reference", "area by the reference (–)")
     y = Axis("ratio", "area predicted over it (–)")
-    plot = Plot(x, y, ("pair",), style="open", log="x")
+    plot = Plot(
+        x,
+        y,
+        ("pair",),
+        style="open",
+        log="x",
+    )
     yield plot, pd.concat([equal, shown]), "Areas predicted over their references"
 
 
 def _errors_by_cost(rows: pd.DataFrame) -> pd.DataFrame:
     """Return error, time and work of the contact area by method, kind and points.
 
-    Errors are root mean squares over scenes, times and work medians.
+    `rows` are those of `read_rows`.  The index of the result is method, kind (corrected
+    or raw) and points per shortest wave; its columns are `error` (root mean square over
+    scenes, relative), `time` and `work` (medians, over those of boundary elements on 4
+    points per shortest wave).
     """
     work = rows["fft_pairs"] * (rows["points"] / 4) ** 2
     rows = rows.assign(error=differences(rows).abs(), work=work)

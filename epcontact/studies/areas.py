@@ -38,14 +38,23 @@ Maker = Callable[[Any, Random], Any]
 
 
 def by_name(*makers: Any) -> dict[str, Maker]:
-    """Return functions by their names in words."""
+    """Return functions by name, with spaces instead of underscores."""
     return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
 
 
-def roughness(patch: Member, rng: Random, low: float, high: float) -> Any:
-    """Return self-affine heights of rms slope 1.
+def roughness(
+    patch: Member,
+    rng: Random,
+    low: float,
+    high: float,
+) -> Any:
+    """Return self-affine heights on the grid of a patch, with the rms slope 1.
 
-    The Hurst exponent is drawn between `low` and `high`.
+    Args:
+        patch: The grid and the number of the shortest waves in a period.
+        rng: Random numbers for the phases and the Hurst exponent.
+        low: Smallest Hurst exponent.
+        high: Largest Hurst exponent.
     """
     hurst = rng.uniform(low, high)
     seed = int(rng.integers(1 << 31))
@@ -56,20 +65,32 @@ def roughness(patch: Member, rng: Random, low: float, high: float) -> Any:
 
 
 def _worn(patch: Member, rng: Random) -> Any:
-    """Return roughness whose summits are cut off."""
+    """Return heights of roughness whose summits are cut off.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     rough = roughness(patch, rng, 0.5, 0.95)
     return np.minimum(rough, rng.uniform(-0.2, 0.8) * _HEIGHT)
 
 
 def _skewed(patch: Member, rng: Random) -> Any:
-    """Return roughness with a positive or negative skewness."""
+    """Return heights of roughness with a positive or negative skewness.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     rough = roughness(patch, rng, 0.5, 0.95)
     skew = rng.choice([-1, 1]) * rng.uniform(0.3, 1.0)
     return np.expm1(skew * rough / _HEIGHT) * _HEIGHT / skew
 
 
 def _stepped(patch: Member, rng: Random) -> Any:
-    """Return roughness on two levels with straight steps between them."""
+    """Return heights of roughness on two levels with straight steps between them.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     rough = roughness(patch, rng, 0.8, 0.8) * rng.uniform(0.1, 0.5)
     a, b = rng.choice([[1, 0], [1, 1], [2, 1], [1, 3]])
     phase = rng.uniform()
@@ -79,7 +100,11 @@ def _stepped(patch: Member, rng: Random) -> Any:
 
 
 def _spheres(patch: Member, rng: Random) -> Any:
-    """Return a few round summits of different heights and radii."""
+    """Return heights of a few round summits of different heights and radii.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(1, 6))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -89,7 +114,11 @@ def _spheres(patch: Member, rng: Random) -> Any:
 
 
 def _cylinders(patch: Member, rng: Random) -> Any:
-    """Return parallel round ridges in one of several directions."""
+    """Return heights of parallel round ridges in one of several directions.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     a, b = rng.choice([[1, 0], [1, 1], [2, 1], [0, 2], [3, 1]])
     x, y = patch.offsets()
     across = (a * x + b * y + rng.uniform()) % 1 - 0.5
@@ -97,7 +126,11 @@ def _cylinders(patch: Member, rng: Random) -> Any:
 
 
 def _punches(patch: Member, rng: Random) -> Any:
-    """Return a few flat elliptic or rectangular posts of the same height."""
+    """Return heights of a few flat elliptic or rectangular posts.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     heights = np.zeros(patch.shape)
     depth = rng.uniform(0.02, 0.3)
     for _ in range(int(rng.integers(1, 4))):
@@ -115,14 +148,22 @@ def _punches(patch: Member, rng: Random) -> Any:
 
 
 def _truncated_cones(patch: Member, rng: Random) -> Any:
-    """Return a cone with a flat top."""
+    """Return heights of a cone with a flat top.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     x, y = patch.offsets(rng.uniform(size=2))
     flat = rng.uniform(0.1, 0.35)
     return -rng.uniform(0.1, 0.8) * np.maximum(np.hypot(x, y) - flat, 0)
 
 
 def _dimples(patch: Member, rng: Random) -> Any:
-    """Return roughness with round dimples on a square lattice."""
+    """Return heights of roughness with round dimples on a square lattice.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     rough = 0.1 * roughness(patch, rng, 0.8, 0.8)
     count = int(rng.integers(2, 5))
     u, v = _lattice(patch, rng, count)
@@ -131,7 +172,11 @@ def _dimples(patch: Member, rng: Random) -> Any:
 
 
 def _outliers(patch: Member, rng: Random) -> Any:
-    """Return roughness with narrow spikes."""
+    """Return heights of roughness with narrow spikes.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     heights = roughness(patch, rng, 0.8, 0.8)
     for _ in range(int(rng.integers(3, 30))):
         x, y = patch.offsets(rng.uniform(size=2))
@@ -142,14 +187,22 @@ def _outliers(patch: Member, rng: Random) -> Any:
 
 
 def _sharp_cones(patch: Member, rng: Random) -> Any:
-    """Return pointed cones on a square lattice."""
+    """Return heights of pointed cones on a square lattice.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     count = int(rng.integers(1, 4))
     u, v = _lattice(patch, rng, count)
     return -rng.uniform(0.3, 1.0) * np.hypot(u, v) / count
 
 
 def _honed(patch: Member, rng: Random) -> Any:
-    """Return roughness with grooves in two crossing directions."""
+    """Return heights of roughness with grooves in two crossing directions.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     heights = rng.uniform(0.05, 0.3) * roughness(patch, rng, 0.8, 0.8)
     x, y = patch.offsets()
     width = rng.uniform(0.05, 0.2)
@@ -163,17 +216,26 @@ def _honed(patch: Member, rng: Random) -> Any:
 
 
 def _quantised(patch: Member, rng: Random) -> Any:
-    """Return roughness whose heights are rounded to a few levels."""
+    """Return heights of roughness that are rounded to a few levels.
+
+    They are on the grid of a `patch`, in the unit of its periods, and `rng` draws their
+    random parameters.
+    """
     rough = roughness(patch, rng, 0.5, 0.95)
     levels = int(rng.integers(6, 41))
     step = 6 * _HEIGHT / levels
     return np.round(rough / step) * step
 
 
-def _lattice(patch: Member, rng: Random, count: int) -> tuple[Any, Any]:
-    """Return distances (nx, 1) and (1, ny) from the nodes of a shifted square lattice.
+def _lattice(
+    patch: Member,
+    rng: Random,
+    count: int,
+) -> tuple[Any, Any]:
+    """Return signed distances from the nearest node of a randomly shifted lattice.
 
-    The distances are in units of its spacing, 1 / count of the period.
+    They are coordinates along x, (nx, 1), and along y, (1, ny), of the grid points of
+    the patch, in units of the lattice's spacing, which is the period over `count`.
     """
     x, y = patch.offsets()
     u = (count * x + rng.uniform()) % 1 - 0.5
@@ -227,7 +289,11 @@ class Member:
     def offsets(
         self, centre: FloatArray | Sequence[float] = (0.0, 0.0)
     ) -> tuple[Any, Any]:
-        """Return distances (nx, 1) and (1, ny) from the nearest image of a centre."""
+        """Return the signed distances of the grid points from a point.
+
+        They are those to the nearest periodic image of `centre` (x, y), along x with
+        the shape (nx, 1) and along y with (1, ny), in the unit of the periods.
+        """
         offsets = []
         for n, c, length in zip(self.shape, centre, self.periods, strict=True):
             x = np.arange(n) * (length / n) - c
@@ -238,17 +304,19 @@ class Member:
     def solved(
         self, factor: int
     ) -> tuple[FloatArray, FloatArray, float, list[float], float]:
-        """Return the `solution` on a grid `factor` times as fine; raise
-        NotConverged.
+        """Return the `solution` of this surface on a grid `factor` times as fine.
+
+        It holds the arguments of `estimate_areas`.  Raises NotConverged.
         """
         fine = replace(self, shape=(factor * self.shape[0], factor * self.shape[1]))
         heights = self.maker(fine, np.random.default_rng(self.drawn))
         return solution(heights, self.load, self.hardness, self.periods)
 
     def areas(self, factor: int) -> tuple[Areas, Areas, Areas]:
-        """Return raw and corrected areas and their error estimate.
+        """Return raw areas, corrected areas and error estimates of this surface.
 
-        The grid is `factor` times as fine as the coarse one.  Raises NotConverged.
+        All are fractions of the nominal area, on a grid `factor` times as fine as the
+        coarse one.  Raises NotConverged.
         """
         return estimate_areas(*self.solved(factor))
 
@@ -267,6 +335,10 @@ def solution(
         hardness: Hardness over E*; infinite for an elastic body.
         periods: Periods; None: 1 along each direction.
 
+    Returns:
+        Pressure over E* and gap, both on the grid, hardness over E*, grid spacings
+        along each direction, and E*, which is 1.
+
     Raises:
         NotConverged: The solver misses its tolerance.
     """
@@ -279,33 +351,61 @@ def solution(
     return solved.pressure, solved.gap(heights), hardness, spacing, 1.0
 
 
-def member(makers: Mapping[str, Maker], kind: str, seed: int, points: int) -> Member:
+def member(
+    makers: Mapping[str, Maker],
+    kind: str,
+    seed: int,
+    points: int,
+) -> Member:
     """Draw a member of the ensemble.
 
     Args:
         makers: Functions of the kinds by name.
         kind: Name of the kind.
         seed: Seed of the draw.
-        points: Points along a side of the coarse grid, about.
+        points: Approximate number of points along a side of the coarse grid.
     """
     rng = np.random.default_rng([seed, *kind.encode()])
     per_wave = rng.choice([3, 4, 4, 4, 6, 8, 16])
     stretched = kind in ("elliptic", "oblong")
-    shape = (3 * points // 4, 3 * points // 2) if stretched else (points, points)
-    hardness = 10 ** rng.uniform(-1.3, 0.3) if rng.uniform() < 0.6 else math.inf
+    shape = (points, points)
+    if stretched:
+        shape = (3 * points // 4, 3 * points // 2)
+    hardness = math.inf
+    if rng.uniform() < 0.6:
+        hardness = 10 ** rng.uniform(-1.3, 0.3)
     load = min(10 ** rng.uniform(-2.5, 0.3), 0.9 * hardness)
     high = max(int(min(shape) // per_wave), 2)
     periods = (1.0, 2.0 if kind == "elliptic" else 1.0)
     drawn = int(rng.integers(1 << 31))
-    return Member(shape, periods, load, hardness, high, makers[kind], drawn)
+    return Member(
+        shape,
+        periods,
+        load,
+        hardness,
+        high,
+        makers[kind],
+        drawn,
+    )
 
 
 def judged(kind: str, seed: int, points: int) -> Rows:
     """Return the error over the error estimate for each area of a member.
 
-    Columns are the part and `times`, the error beyond the solver's tolerance over the
-    error estimate; the truth is the area on the fine grid.  Areas without an error and
-    an error estimate are left out.
+    The error is the difference of the corrected area from that on a grid FINER times as
+    fine, less the solver's tolerance.
+
+    Args:
+        kind: Name in KINDS.
+        seed: Seed of the draw.
+        points: Approximate number of points along a side of the coarse grid.
+
+    Returns:
+        Rows with `part` (total, elastic or plastic) and `times`, the ratio.  Areas
+        whose error and error estimate are 0 are left out.
+
+    Raises:
+        NotConverged: A solve misses its tolerance.
     """
     drawn = member(KINDS, kind, seed, points)
     _, corrected, estimate = drawn.areas(1)
@@ -334,7 +434,13 @@ def areas(
     Loads are .003 to 2 E*, the hardness .05 to 2 E* or none, with 3 to 16 points a
     shortest wave.
     """
-    table = tabulate(say, judged, seed=seeds, kind=kinds, points=[points])
+    table = tabulate(
+        say,
+        judged,
+        seed=seeds,
+        kind=kinds,
+        points=[points],
+    )
     table["times"] = table["times"].clip(1e-3, 1e2)
     covered = table["times"] <= 1
     coverage = covered.groupby(table["kind"], sort=False).mean()[::-1]

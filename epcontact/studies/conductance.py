@@ -61,14 +61,24 @@ def joint_scene(
     """
     shortest = round(breadth * waves)
     shape = (POINTS * shortest, POINTS * shortest)
-    surface = self_affine(2 * math.pi, shape, seed, shortest, waves, hurst)
+    surface = self_affine(
+        2 * math.pi,
+        shape,
+        seed,
+        shortest,
+        waves,
+        hurst,
+    )
     return Scene(surface, Material(1.0, 0.0, hardness), Load(load * hardness))
 
 
 def measured(**place: Any) -> dict[str, float]:
-    """Return y of a `joint_scene` by boundary elements.
+    """Return the conductance of a `joint_scene` by boundary elements.
 
-    The row has y, the error_estimate of its grid and the number of patches.
+    `place` are the arguments of `joint_scene`.  The row has y = sigma h/(k_s m), where
+    h is the conductance, sigma the rms height, k_s the harmonic mean of the
+    conductivities and m the mean absolute slope, the `error_estimate` of y by its grid,
+    and the number of `patches` of contact.
     """
     scene = joint_scene(**place)
     result = bem.solve(scene, threads=1)
@@ -83,9 +93,15 @@ def measured(**place: Any) -> dict[str, float]:
 
 
 def means(say: Say, **axes: Sequence[Any]) -> pd.DataFrame:
-    """Return a row for each place: y, its relative half_width and the mean of patches.
+    """Return the conductances of joints, as means over their surfaces.
 
-    The axes are arguments of `joint_scene`, the seed among them.
+    Args:
+        say: Called with the arguments before each solve.
+        axes: Values of each argument of `joint_scene`, the seed among them.
+
+    Returns:
+        A row for each combination but the seed: the columns PLACE, `y` of `measured`,
+        the relative `half_width` of its 95 % interval and the mean of `patches`.
     """
     table = tabulate(say, measured, **axes)
     found = mean_with_interval(table, "y", PLACE, "error_estimate")
@@ -94,14 +110,20 @@ def means(say: Say, **axes: Sequence[Any]) -> pd.DataFrame:
 
 
 def table_of_package() -> pd.DataFrame:
-    """Return the table that the package holds."""
+    """Return the package's table of conductances, with the columns of `means`."""
     return pd.read_csv(str(files("epcontact.studies") / "conductance.csv"), comment="#")
 
 
 def ratios(table: pd.DataFrame) -> pd.DataFrame:
-    """Return every law over the measured y, with the interval of the ratio.
+    """Return the conductance by each law over that of boundary elements.
 
-    There is a row for each law and place with enough patches.
+    Args:
+        table: Rows of `means`; those with fewer patches than FEWEST are left out.
+
+    Returns:
+        The rows for each law, with its name in `law`, the ratio in the column RATIO
+        (NaN where the law does not hold), and the ends of the ratio's 95 % interval in
+        RATIO_low and RATIO_high.
     """
     table = table[table["patches"] >= FEWEST]
     load = table["load"].to_numpy()
@@ -120,8 +142,11 @@ def ratios(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def law_map(table: pd.DataFrame) -> Any:
-    """Return a figure with contours of each law over the solver, by hardness and
-    load.
+    """Return a matplotlib figure with a panel for each law.
+
+    It has contours of the ratio of the law to boundary elements over hardness and load.
+    `table` has the columns series (name of the law), hardness (over E* xi), load (over
+    the hardness) and RATIO.
     """
     names = table["series"].unique()
     with styled():
@@ -133,7 +158,12 @@ def law_map(table: pd.DataFrame) -> Any:
             filled = axes.contourf(
                 *data, levels=_BANDS, cmap=DIFFERENCE_MAP, extend="both"
             )
-            lines = axes.contour(*data, levels=_BANDS, colors="#333333", linewidths=0.8)
+            lines = axes.contour(
+                *data,
+                levels=_BANDS,
+                colors="#333333",
+                linewidths=0.8,
+            )
             axes.clabel(lines, fontsize=7)
             axes.set(
                 xscale="log",
@@ -177,15 +207,34 @@ def conductance(
     of the highest waves over that of the roll-off, and so many waves of the roll-off
     fit on the period.
     """
-    axes = {"hurst": hursts, "hardness": hardnesses, "seed": seeds, "waves": [waves]}
+    axes = {
+        "hurst": hursts,
+        "hardness": hardnesses,
+        "seed": seeds,
+        "waves": [waves],
+    }
     middle = breadths[len(breadths) // 2]
-    table = ratios(means(say, breadth=[middle], **axes, load=loads))
+    table = ratios(
+        means(
+            say,
+            breadth=[middle],
+            **axes,
+            load=loads,
+        )
+    )
     names = {"law": "series", f"{RATIO}_low": "low", f"{RATIO}_high": "high"}
     columns = ["series", "hardness", RATIO, "low", "high", "load"]
     shown = table.dropna(subset=RATIO).rename(columns=names)[columns]
     yield law_map, shown, f"Laws over boundary elements at a breadth of {middle:g}"
     axes |= {"hardness": [min(hardnesses), max(hardnesses)]}
-    table = ratios(means(say, breadth=breadths, **axes, load=[0.1]))
+    table = ratios(
+        means(
+            say,
+            breadth=breadths,
+            **axes,
+            load=[0.1],
+        )
+    )
     table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)
     table = table[table["hurst"] == hursts[-1]]
     plot = Plot(

@@ -96,7 +96,7 @@ def pair_times(
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
 
     def pair() -> None:
-        """Transform the field forward and back, in place."""
+        """Transform the field (real to complex) and back, in place."""
         ducc0.fft.r2c(field, out=modes, nthreads=threads)
         ducc0.fft.c2r(
             modes,
@@ -135,7 +135,10 @@ def by_method(
     exact = bem.solve(scene, tolerance=1e-10, threads=1)
 
     def row(method: str, tolerance: float) -> Rows:
-        """Return the row of a solve by a method; none if the method has failed."""
+        """Return cost, residual and area error of a solve, as a list of one row.
+
+        The list is empty if the method misses this tolerance or missed a looser one.
+        """
         if method in failures:
             return []
         try:
@@ -168,7 +171,17 @@ def by_method(
         (work, error, "Error of the areas against work"),
         (spent, error, "Error of the areas against time"),
     ):
-        yield Plot(x, y, ("method",), log="xy", front=True), table, title + failed
+        yield (
+            Plot(
+                x,
+                y,
+                ("method",),
+                log="xy",
+                front=True,
+            ),
+            table,
+            title + failed,
+        )
 
 
 #: The columns of `speed`, each with the label of its chart.
@@ -204,13 +217,21 @@ def speed(
     fewest, most = solves
 
     def row(points_a_side: int, law: str) -> Rows:
-        """Return a row for each accuracy on one grid."""
+        """Return cost and area error of one surface, a row for each accuracy of AIMS.
+
+        `law` is "capped" or "elastic".
+        """
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])
         count = min(most, max(fewest, 2**23 // points_a_side**2))
         found = {}
         for aim, options in AIMS.items():
-            found[aim] = cost(scene, solves=count, threads=threads, **options)
+            found[aim] = cost(
+                scene,
+                solves=count,
+                threads=threads,
+                **options,
+            )
         exact, _ = found[TIGHT]
         rows = []
         for aim, (result, spent) in found.items():
@@ -229,7 +250,11 @@ def speed(
     for column, label in _SPEED.items():
         name, _, _ = label.partition(" (")
         title = f"{name[0].upper()}{name[1:]}"
-        look: dict[str, Any] = {"colour": "law", "mark": "aim", "ticks": sides}
+        look: dict[str, Any] = {
+            "colour": "law",
+            "mark": "aim",
+            "ticks": sides,
+        }
         drawn = table
         if column == "area_error":
             look["log"] = "xy"

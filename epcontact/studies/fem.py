@@ -85,14 +85,32 @@ _Chart = tuple[Plot, pd.DataFrame, str]
 def _error_plot(
     x: Axis, label: str, ticks: Sequence[float], series: str = "series"
 ) -> Plot:
-    """Return the look of a chart of relative errors over the column x."""
+    """Return the look of a chart of relative errors with two logarithmic axes.
+
+    Args:
+        x: Column of the horizontal axis, and its label.
+        label: Label of the vertical axis.
+        ticks: Values of x with a tick.
+        series: Column that names the series.
+    """
     styles = {REFERENCE: "curve"}
     y = Axis(ERROR, label)
-    return Plot(x, y, (series,), styles, log="xy", ticks=ticks, orders=_ORDERS)
+    return Plot(
+        x,
+        y,
+        (series,),
+        styles,
+        log="xy",
+        ticks=ticks,
+        orders=_ORDERS,
+    )
 
 
 def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
-    """Return the chart of limit loads by the number of elements under a punch."""
+    """Return the chart of the error of limit loads over the elements under a punch.
+
+    `elements` are numbers of elements in the half-width of the punch.
+    """
     table = tabulate(say, punch_error, formulation=_FORMULATIONS, elements=elements)
     x = Axis("elements", "elements to the half-width of the punch (–)")
     plot = _error_plot(
@@ -102,8 +120,16 @@ def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
     return plot, table, title
 
 
-def _mesh_chart(say: Say, nodes: Ints, sample: tuple[int, Ints]) -> _Chart:
-    """Return the chart of contact areas by the nodes per shortest wavelength."""
+def _mesh_chart(
+    say: Say,
+    nodes: Ints,
+    sample: tuple[int, Ints],
+) -> _Chart:
+    """Return the chart of the error of contact areas over nodes per shortest wave.
+
+    The last of `nodes` is the reference.  `sample` is the number of the shortest waves
+    in a period, and the seeds of the surfaces.
+    """
     waves, seeds = sample
     solved = tabulate(
         say, solve_sample, seed=seeds, waves=[waves], nodes_per_wavelength=nodes
@@ -115,14 +141,18 @@ def _mesh_chart(say: Say, nodes: Ints, sample: tuple[int, Ints]) -> _Chart:
     relative = finest["error_estimate"] / finest["corrected"]
     uncertainty = math.sqrt((relative**2).mean())
     level = pd.DataFrame(
-        {x.column: nodes[:-1], "series": REFERENCE, ERROR: uncertainty}
+        {
+            x.column: nodes[:-1],
+            "series": REFERENCE,
+            ERROR: uncertainty,
+        }
     )
     plot = _error_plot(x, "relative error of the contact area (–)", nodes[:-1])
     return plot, pd.concat([table, level]), "Contact area against the mesh"
 
 
 def _depth_chart(say: Say) -> _Chart:
-    """Return the chart of the block's compliance by its depth."""
+    """Return the chart of the error of the block's compliance over its depth."""
     table = tabulate(say, depth_error, waves=WAVES, depth_over_period=DEPTHS)
     table["series"] = table["waves"].map("waves in a period: {}".format)
     x = Axis("depth_over_period", "depth over the period (–)")
@@ -130,10 +160,24 @@ def _depth_chart(say: Say) -> _Chart:
     return plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
 
 
-def _steps_chart(say: Say, steps: Ints, sample: tuple[int, Ints]) -> _Chart:
-    """Return the chart of areas and gaps by the number of load steps."""
+def _steps_chart(
+    say: Say,
+    steps: Ints,
+    sample: tuple[int, Ints],
+) -> _Chart:
+    """Return the chart of errors of area and mean gap over the number of load steps.
+
+    The last of `steps` is the reference.  `sample` is the number of the shortest waves
+    in a period, and the seeds of the surfaces.
+    """
     waves, seeds = sample
-    solved = tabulate(say, solve_sample, seed=seeds, waves=[waves], load_steps=steps)
+    solved = tabulate(
+        say,
+        solve_sample,
+        seed=seeds,
+        waves=[waves],
+        load_steps=steps,
+    )
     solved = solved.rename(columns={"raw": "contact area"})
     x = Axis("load_steps", "load steps (–)")
     references = {"contact area": "contact area", "mean gap": "mean gap"}
@@ -145,12 +189,25 @@ def _steps_chart(say: Say, steps: Ints, sample: tuple[int, Ints]) -> _Chart:
     return plot, table, title
 
 
-def _paths_chart(say: Say, meshes: Sequence[tuple[int, int]], seeds: Ints) -> _Chart:
-    """Return the chart of the iterations of load paths by the mesh."""
+def _paths_chart(
+    say: Say,
+    meshes: Sequence[tuple[int, int]],
+    seeds: Ints,
+) -> _Chart:
+    """Return the chart of the iterations of load paths over the nodes a side.
+
+    `meshes` are pairs of nodes a side and layers.
+    """
     costs = path_costs(say, meshes, seeds)
     x = Axis("nodes", "nodes a side (–)")
     y = Axis("iterations", "iterations of the load path (–)")
-    plot = Plot(x, y, ("solver",), log="x", ticks=costs["nodes"].tolist())
+    plot = Plot(
+        x,
+        y,
+        ("solver",),
+        log="x",
+        ticks=costs["nodes"].tolist(),
+    )
     solvers = ["conjugate gradients", "Newton"]
     table = costs.melt("nodes", solvers, "solver", "iterations")
     times = list_rows(costs, "{nodes:.0f}: {time_in_fft_pairs:.3g}")
@@ -225,9 +282,13 @@ def errors_of(
 
 
 def depth_error(waves: int, depth_over_period: float) -> dict[str, float]:
-    """Return the block's compliance of a wave over the half-space's 2/(E* q), minus 1.
+    """Return the relative error of the compliance of a finite-element block.
 
-    `waves` is the number of waves in a period.
+    The compliance of a half-space, 2/(E* q) at the wave number q, is exact.
+
+    Args:
+        waves: Number of waves in a period, which is q times the period over 2 pi.
+        depth_over_period: Depth of the block over the period.
     """
     layer = Body("bonded_layer", depth_over_period * PERIOD)
     scene = replace(_j2_scene(7, 64), body=layer)
@@ -253,7 +314,10 @@ def path_costs(
     """
 
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
-        """Return nodes, iterations and time of one load path."""
+        """Return the columns of `path_costs` for one load path.
+
+        `mesh` is the pair of nodes a side and layers.
+        """
         nodes, layers = mesh
         _, time_of_pair = pair_times((2048, 2048), 1, 3)
         scene = _j2_scene(seed, nodes, nodes // 8)
@@ -268,6 +332,11 @@ def path_costs(
         }
 
     # Kernels are compiled before they are timed.
-    solve_j2(_j2_scene(5, 16, 2), layers=8, steps=4, threads=1)
+    solve_j2(
+        _j2_scene(5, 16, 2),
+        layers=8,
+        steps=4,
+        threads=1,
+    )
     table = tabulate(say, row, mesh=meshes, seed=seeds)
     return table.groupby("nodes", sort=False).mean(numeric_only=True).reset_index()

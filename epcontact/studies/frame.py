@@ -82,7 +82,7 @@ class Study:
         values |= options
 
         def say_with_name(sentence: str) -> None:
-            """Pass a sentence on with the name of the study before it."""
+            """Call `say` with a sentence that begins with the name of the study."""
             say(f"{self.name}: {sentence}")
 
         about = " ".join((self.function.__doc__ or "").split())
@@ -106,7 +106,7 @@ def study(
     """
 
     def register(function: Callable[..., Charts]) -> Callable[..., Charts]:
-        """Add the function to `STUDIES` and return it."""
+        """Add a function to `STUDIES` by the study's name, and return it unchanged."""
         STUDIES[name] = Study(name, function, full)
         return function
 
@@ -188,7 +188,11 @@ def list_rows(table: pd.DataFrame, form: str) -> str:
     return ", ".join(form.format(**row) for row in table.to_dict("records"))
 
 
-def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
+def save_charts(
+    name: str,
+    charts: Sequence[Chart],
+    folder: Path,
+) -> list[Path]:
     """Write the charts of a study, four files each, and return their paths.
 
     The files are named <name>-1, <name>-2, ... with four endings, or <name> if there is
@@ -205,7 +209,11 @@ def save_charts(name: str, charts: Sequence[Chart], folder: Path) -> list[Path]:
 
 
 def _describe_options(values: Mapping[str, Any]) -> str:
-    """Return options in words; options of other types than these hold data."""
+    """Return the options of a study in words for its caption, separated by "; ".
+
+    Numbers, words and sequences are described; options of other types, such as tables
+    of data, are left out.
+    """
     described = []
     for name, value in values.items():
         if isinstance(value, str | float | int | Sequence) and value != ():
@@ -214,7 +222,10 @@ def _describe_options(values: Mapping[str, Any]) -> str:
 
 
 def _in_words(value: Any) -> str:
-    """Return a number, word, range or list as a caption shows it."""
+    """Return a number, word, range or list as a caption shows it.
+
+    Seven or more items are shortened to the first two and the last.
+    """
     if isinstance(value, range):
         return f"{value[0]} to {value[-1]}"
     if isinstance(value, float):
@@ -230,8 +241,19 @@ def _in_words(value: Any) -> str:
     return ", ".join(parts)
 
 
-def _draw(look: Look, table: pd.DataFrame, caption: str) -> Chart:
-    """Return the chart of a table; rows of several surfaces become their means."""
+def _draw(
+    look: Look,
+    table: pd.DataFrame,
+    caption: str,
+) -> Chart:
+    """Return the chart of a table.
+
+    Args:
+        look: The look of the chart, or a function that draws the figure of a table.
+        table: The data; rows that differ in the column `seed` are replaced by their
+            means with 95 % intervals.
+        caption: The caption.
+    """
     if not isinstance(look, Plot):
         rows = table.to_numpy().tolist()
         caption = typeset(caption, mathtext=False)

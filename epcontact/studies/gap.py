@@ -36,7 +36,6 @@ from epcontact.studies.frame import (
     study,
     tabulate,
 )
-from epcontact.studies.paper_scene import MODULUS, rough_scene, theory_of
 from epcontact.surfaces import power_by_octave, residual_surface, topography
 
 #: Mean pressures over E*; the hardness is 0.6 E*, the paper's mean pressure 0.05 E*.
@@ -52,7 +51,11 @@ QUANTITIES = {
 _LOAD = "pressure_over_modulus"
 _LENGTH = "length_over_rms_height"
 _DEVIATION = "deviation_percent"
-_COLOURS = {"capped": CYCLE[0], "elastic": CYCLE[1], "j2": CYCLE[2]}
+_COLOURS = {
+    "capped": CYCLE[0],
+    "elastic": CYCLE[1],
+    "j2": CYCLE[2],
+}
 
 
 def gaps(
@@ -65,7 +68,7 @@ def gaps(
         loads: Mean pressures over E*.
         solve: Solves the scene.
     """
-    path = Load(tuple(MODULUS * load for load in loads))
+    path = Load(tuple(paper.MODULUS * load for load in loads))
     steps = solve(replace(scene, load=path)).steps
     rows = []
     for load, step in zip(loads, steps, strict=True):
@@ -77,7 +80,13 @@ def gaps(
     return rows
 
 
-@study("gap", points=8, bandwidth=128, seeds=range(7, 15), grids=(4, 8))
+@study(
+    "gap",
+    points=8,
+    bandwidth=128,
+    seeds=range(7, 15),
+    grids=(4, 8),
+)
 def gap(
     say: Say,
     points: int = 4,
@@ -95,13 +104,19 @@ def gap(
     """
 
     def solve(law: str, seed: int) -> Rows:
-        """Return rows of `gaps` of one surface by boundary elements."""
-        scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
+        """Return rows of `gaps` of one surface by boundary elements.
+
+        `law` is "capped" or "elastic".
+        """
+        scene = paper.rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return gaps(scene, LOADS, paper.solve_bem)
 
     def predict(law: str) -> Rows:
-        """Return rows of `gaps` by the theory at more loads."""
-        scene = rough_scene(points, seeds[-1], bandwidth, paper.LAWS[law])
+        """Return rows of `gaps` by the theory, at four times as many loads.
+
+        `law` is "capped" or "elastic".
+        """
+        scene = paper.rough_scene(points, seeds[-1], bandwidth, paper.LAWS[law])
         dense = [LOADS[0] * 2.0 ** (k / 4) for k in range(4 * len(LOADS) - 3)]
         return gaps(scene, dense, paper.solve_theory)
 
@@ -127,7 +142,13 @@ def gap(
     capped = solved[solved["law"] == "capped"]
     parts = capped.melt([_LOAD, "seed"], list(QUANTITIES), "part", _LENGTH)
     y = Axis(_LENGTH, "mean gap over rms height (–)")
-    plot = Plot(x, y, ("part",), log="x", ticks=LOADS)
+    plot = Plot(
+        x,
+        y,
+        ("part",),
+        log="x",
+        ticks=LOADS,
+    )
     yield plot, parts, "Parts of the mean gap, capped body"
 
     merged = solved.merge(theory, on=["law", _LOAD], suffixes=("", "_theory"))
@@ -146,7 +167,13 @@ def gap(
     yield deviation, merged, "Deviation of the theory's gap"
 
     laws = (*paper.LAWS, "j2")
-    blocks = tabulate(say, block_gaps, law=laws, grid=grids, waves=[block_waves])
+    blocks = tabulate(
+        say,
+        block_gaps,
+        law=laws,
+        grid=grids,
+        waves=[block_waves],
+    )
     finest = max(grids)
     plot = replace(open_gap, ticks=LOADS[:-1], styles={"bem": "curve"})
     on_finest = blocks[blocks["grid"] == finest]
@@ -175,7 +202,7 @@ def block_gaps(law: str, grid: int, waves: int) -> Rows:
         Rows of `gaps` with method, those of finite elements with the deviation; for J2
         flow those of finite elements alone.
     """
-    scene = rough_scene(grid, 7, waves, paper.LAWS.get(law, paper.HARDNESS))
+    scene = paper.rough_scene(grid, 7, waves, paper.LAWS.get(law, paper.HARDNESS))
     loads = LOADS[:-1]  # at the last load the J2 body is in full contact
     by_boundary = gaps(scene, loads, bem.solve)
     body = paper.yielding(scene) if law == "j2" else scene
@@ -204,18 +231,23 @@ def solve_model(model: str, scene: Scene) -> ContactResult:
 
 
 def surface_after(model: str, scene: Scene) -> Surface:
-    """Return the surface that "cap" or "J2" leaves after the load of a scene."""
+    """Return the unloaded surface after the load of a scene.
+
+    `model` is "cap", whose surface is lowered by the plastic displacement under the
+    load, or "J2", whose finite elements are unloaded.
+    """
     path = (scene.load.final, 0.0) if model == "J2" else scene.load.final
     result = solve_model(model, replace(scene, load=Load(path)))
     return residual_surface(scene.surface, result)
 
 
 def power_kept_by_theory(scene: Scene) -> FloatArray:
-    """Return the fraction of each octave's slope variance that the load leaves.
+    """Return the slope variance after a load over that before, for each octave.
 
-    It is that of the theory's effective spectrum, (octaves,).
+    It follows from the theory's effective spectrum under the load of the scene.  The
+    shape is (octaves,), from the longest waves on.
     """
-    theory = theory_of(scene)
+    theory = paper.theory_of(scene)
     before = theory.roughness
     after = separation.flattened(theory, scene.load.final).roughness
     lowest = 2 * math.pi / max(scene.surface.periods)
@@ -226,7 +258,11 @@ def power_kept_by_theory(scene: Scene) -> FloatArray:
 
 
 def changes_by_load(model: str, scene: Scene) -> tuple[FloatArray, dict[str, float]]:
-    """Return what a load changes of a surface by "cap" or "J2".
+    """Return how a load changes the topography of a surface.
+
+    Args:
+        model: "cap" (boundary elements) or "J2" (finite elements).
+        scene: The scene with the surface and the load.
 
     Returns:
         The fraction of each octave's slope variance that is left, (octaves,), and
@@ -248,7 +284,12 @@ def changes_by_load(model: str, scene: Scene) -> tuple[FloatArray, dict[str, flo
     return kept, changes
 
 
-@study("residual", points=8, wide=256, seeds=range(201, 217))
+@study(
+    "residual",
+    points=8,
+    wide=256,
+    seeds=range(201, 217),
+)
 def residual(
     say: Say,
     points: int = 4,
@@ -273,8 +314,16 @@ def residual(
     def row(
         model: str, hardness: float, seed: int, points: int, bandwidth: int
     ) -> Rows:
-        """Return a row for each octave of one surface by a model."""
-        scene = rough_scene(points, seed, bandwidth, hardness * MODULUS)
+        """Return a row for each octave of wave numbers of one surface.
+
+        Args:
+            model: "cap", "J2" or "theory".
+            hardness: Hardness over E* xi.
+            seed: Seed of the surface.
+            points: Grid points per shortest wavelength.
+            bandwidth: Number of the shortest waves in a period.
+        """
+        scene = paper.rough_scene(points, seed, bandwidth, hardness * paper.MODULUS)
         changes: dict[str, float] = {}
         if model == "theory":
             kept = power_kept_by_theory(scene)
@@ -286,8 +335,19 @@ def residual(
             rows.append(place | changes)
         return rows
 
-    look: dict[str, Any] = {"colour": "hardness", "mark": "model", "log": "x"}
-    power = Plot(x, y, series, {"theory": "curve"}, level=1.0, **look)
+    look: dict[str, Any] = {
+        "colour": "hardness",
+        "mark": "model",
+        "log": "x",
+    }
+    power = Plot(
+        x,
+        y,
+        series,
+        {"theory": "curve"},
+        level=1.0,
+        **look,
+    )
     x_skewness = Axis(y.column, "power kept by the shortest octave (–)")
     skewness = Axis("skewness_change", "skewness after less before (–)")
     form = (

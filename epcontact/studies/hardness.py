@@ -62,7 +62,13 @@ def model_scene(
         waves: Number of the shortest waves in a period.
     """
     lowest = 2 * math.pi / PERIOD
-    surface = self_affine(lowest, (nodes, nodes), seed, waves, slope=SLOPE)
+    surface = self_affine(
+        lowest,
+        (nodes, nodes),
+        seed,
+        waves,
+        slope=SLOPE,
+    )
     yield_stress = YOUNG / (1 - nu**2) * SLOPE / severity
     material = Material(YOUNG, nu, TABOR * yield_stress, yield_stress)
     load = Load(TABOR * yield_stress / 12)
@@ -83,20 +89,38 @@ def hardness(
     """
     names = [f"quantity.{name}" for name in MEASURES]
 
-    def row(nu: float, severity: float, seed: int) -> dict[str, float]:
-        """Return the quantities MEASURES of one J2 body."""
+    def row(
+        nu: float,
+        severity: float,
+        seed: int,
+    ) -> dict[str, float]:
+        """Return the quantities MEASURES of one J2 body.
+
+        `nu` is Poisson's ratio, `severity` E* xi/sigma_Y, and `seed` that of the
+        surface.
+        """
         scene = model_scene(severity, nu, seed, nodes)
         values = measure_all(names, scene, solve_j2(scene))
         return dict(zip(MEASURES, values.values(), strict=True))
 
     seeds = range(101, 101 + surfaces)
-    table = tabulate(say, row, nu=nus, severity=severities, seed=seeds)
+    table = tabulate(
+        say,
+        row,
+        nu=nus,
+        severity=severities,
+        seed=seeds,
+    )
     table["series"] = table["nu"].map("nu = {:g}".format)
     for name, (label, title) in MEASURES.items():
         level = TABOR if name == "effective_hardness" else None
         x = Axis("severity", "E* xi / sigma_Y (–)")
         plot = Plot(
-            x, Axis(name, label), log="x", ticks=sorted(severities), level=level
+            x,
+            Axis(name, label),
+            log="x",
+            ticks=sorted(severities),
+            level=level,
         )
         yield plot, table, title
 
@@ -132,5 +156,12 @@ def map_of_package(say: Say) -> Charts:
     formula = hardness_map.formula_text()
     for nu, rows in pd.concat([places, curves]).groupby("poisson_ratio"):
         ticks = sorted(rows["load"].unique())
-        plot = Plot(x, _EFFECTIVE, colour="severity", log="x", ticks=ticks, level=TABOR)
+        plot = Plot(
+            x,
+            _EFFECTIVE,
+            colour="severity",
+            log="x",
+            ticks=ticks,
+            level=TABOR,
+        )
         yield plot, rows, f"Effective hardness at nu = {nu:g}; curves {formula}"

@@ -91,7 +91,13 @@ def rough_scene(
         hardness: In Pa; infinite for an elastic body.
     """
     points = round(points_per_wavelength * bandwidth)
-    surface = self_affine(LOWEST, (points, points), seed, bandwidth, roll_off=4)
+    surface = self_affine(
+        LOWEST,
+        (points, points),
+        seed,
+        bandwidth,
+        roll_off=4,
+    )
     return Scene(surface, Material(MODULUS, 0.0, hardness), Load(MEAN_PRESSURE))
 
 
@@ -102,7 +108,11 @@ def yielding(scene: Scene) -> Scene:
     return replace(scene, material=material)
 
 
-def area_of(result: ContactResult, part: str, kind: str = "corrected") -> float:
+def area_of(
+    result: ContactResult,
+    part: str,
+    kind: str = "corrected",
+) -> float:
     """Return one area of the last load step as a fraction of the nominal area.
 
     `part` is total, elastic or plastic, and `kind` is raw, corrected or error.

@@ -129,16 +129,32 @@ def stability(
         row, methods_of_map = solvers[name]
         x, y = settings[name]
         say(f"the map {name}")
-        table = tabulate(say, row, method=methods_of_map, x=x, y=y)
+        table = tabulate(
+            say,
+            row,
+            method=methods_of_map,
+            x=x,
+            y=y,
+        )
         table.insert(0, "map", name)
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
 def _surface(shape: tuple[int, ...]) -> Surface:
-    """Return roughness on a grid, with at least four points per shortest wave."""
+    """Return self-affine roughness on a grid of some shape, with the rms slope 0.1.
+
+    It has four points per shortest wave, on small grids fewer.
+    """
     shortest = max(4, min(shape) // 4)
-    return self_affine(2e3 * math.pi, shape, 1, shortest, roll_off=2, slope=0.1)
+    return self_affine(
+        2e3 * math.pi,
+        shape,
+        1,
+        shortest,
+        roll_off=2,
+        slope=0.1,
+    )
 
 
 def _solve_and_check(
@@ -146,12 +162,16 @@ def _solve_and_check(
     effort: str,
     check: Callable[[ContactResult], float],
 ) -> dict[str, Any]:
-    """Return the row of a solve.
+    """Solve a point of a map, check the result, and return its columns.
 
     Args:
-        solve: Returns the result, or raises.
-        effort: Name of the cost that is the effort.
-        check: Returns the largest violation of a condition by a result.
+        solve: Returns the result; an error of the solver counts as a failure.
+        effort: Key of the result's cost that is the effort.
+        check: Returns the largest violation of a condition by a result, dimensionless;
+            more than EXAMINED is a failure.
+
+    Returns:
+        The columns of `_row`.
     """
     try:
         result = solve()
@@ -169,8 +189,18 @@ def _solve_and_check(
     return _row(float(result.cost[effort]), residual, reason)
 
 
-def _row(effort: float, residual: float, reason: str) -> dict[str, Any]:
-    """Return the columns of a solve, which converged if there is no reason."""
+def _row(
+    effort: float,
+    residual: float,
+    reason: str,
+) -> dict[str, Any]:
+    """Return the columns of a solve for the table of `stability`.
+
+    Args:
+        effort: Transform pairs, terms or Newton steps, by the map.
+        residual: Largest residual or violation of a condition.
+        reason: Reason of the failure; empty if the solve converged.
+    """
     return {
         "converged": not reason,
         "effort": effort,
@@ -201,8 +231,9 @@ def _boundary_elements(
         return bem.solve(scene, method=method, threads=1, max_steps=steps)  # type: ignore[arg-type]
 
     def check(result: ContactResult) -> float:
-        """Return the largest violation of a contact condition, measured on the
-        fields.
+        """Return the largest violation of a contact condition, dimensionless.
+
+        It is measured on the fields of the result, independently of the solver.
         """
         names = ("measured_gap", "measured_force", "measured_bounds")
         return max(abs(measure(f"quantity.{name}", scene, result)) for name in names)
@@ -210,7 +241,12 @@ def _boundary_elements(
     return _solve_and_check(solve, "equivalent_fft_pairs", check)
 
 
-def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
+def _finite_elements(
+    surface: Surface,
+    method: str,
+    x: float,
+    y: float,
+) -> Any:
     """Return the row of a solve by finite elements with J2 flow at a point of the map.
 
     Args:
@@ -228,7 +264,7 @@ def _finite_elements(surface: Surface, method: str, x: float, y: float) -> Any:
         return fem_check.solve(scene, law="j2", steps=4)
 
     def check(result: ContactResult) -> float:
-        """Return the largest residual of the balance."""
+        """Return the largest residual of the balance of forces, dimensionless."""
         return max(abs(r) for r in result.final.residuals.values())
 
     return _solve_and_check(solve, "newton_steps", check)
@@ -246,7 +282,10 @@ def _sum(method: str, x: float, y: float) -> Any:
     """
 
     def package(load: float) -> tuple[float, float, float]:
-        """Return elastic, plastic and separated area at p0 over the hardness."""
+        """Return elastic, plastic and separated area as fractions, by the package.
+
+        `load` is p0 over the hardness.
+        """
         areas = persson.areas(y, load, 1.0)
         return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
@@ -275,10 +314,15 @@ def _sum(method: str, x: float, y: float) -> Any:
 
 
 def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """Return the number of terms and the areas by the sine series.
+    """Return the theory's areas by the sine series, and the number of its terms.
 
-    The areas are elastic, plastic and separated; s is p0 and t is G, in units of the
-    hardness.
+    Args:
+        s: p0 over the hardness.
+        t: G over the hardness squared.
+
+    Returns:
+        The number of terms, and elastic, plastic and separated area as fractions of the
+        nominal area.
     """
     elastic = force = 0.0
     for n in range(1, _TERMS + 1):
@@ -292,9 +336,17 @@ def _eigenfunctions(s: float, t: float) -> tuple[int, tuple[float, float, float]
 
 
 def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
-    """Return the number of terms and the areas by the images in the two bounds.
+    """Return the theory's areas by images of the source in the two bounds.
 
-    Areas and arguments are those of `_eigenfunctions`.
+    The bounds are those of the pressure, 0 and the hardness.
+
+    Args:
+        s: p0 over the hardness.
+        t: G over the hardness squared.
+
+    Returns:
+        The number of terms, and elastic, plastic and separated area as fractions of the
+        nominal area.
     """
     c = 2 * math.sqrt(t)
     plastic = separated = 0.0
@@ -309,7 +361,11 @@ def _images(s: float, t: float) -> tuple[int, tuple[float, float, float]]:
 
 
 def chart(table: pd.DataFrame, size: str) -> Chart:
-    """Return the chart of one map; `size` is part of its caption."""
+    """Return the chart of one map, with a panel for each method.
+
+    `table` has the rows of `stability` for this map.  `size` ("coarse" or "full") is
+    named in the caption.
+    """
     x_label, y_label, count = MAPS[table["map"].iloc[0]]
     shown = table.assign(effort=table["effort"].where(table["converged"]))
     panels = {}
@@ -317,19 +373,38 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
         panels[method] = group.pivot(index="x", columns="y", values="effort")
     caption = (
         f"The {count} that each method takes.  Crosses: it did not converge, or "
-        "violates "
-        f"a condition of contact; {_failed(table)} of {len(table)} failed ({size} map)."
+        f"violates a condition of contact; {_failed(table)} of {len(table)} failed "
+        f"({size} map)."
     )
     x = sorted(table["x"].unique())
     y = sorted(table["y"].unique())
     labels = (x_label, y_label)
-    return stability_map(panels, x, y, labels=labels, count=count, caption=caption)
+    return stability_map(
+        panels,
+        x,
+        y,
+        labels=labels,
+        count=count,
+        caption=caption,
+    )
 
 
-def write(table: pd.DataFrame, size: str, folder: Path | str) -> tuple[Path, ...]:
-    """Write stability.json and four files of each map, and return their paths.
+def write(
+    table: pd.DataFrame,
+    size: str,
+    folder: Path | str,
+) -> tuple[Path, ...]:
+    """Write stability.json and the charts of the maps, and return the paths.
 
-    Raises OutputError if a file cannot be written.
+    The chart of each map has four files.
+
+    Args:
+        table: The rows of `stability`.
+        size: "coarse" or "full", which the files name.
+        folder: Folder of the files.
+
+    Raises:
+        OutputError: A file cannot be written.
     """
     paths = [Path(folder) / "stability.json"]
     content = {

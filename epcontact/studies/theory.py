@@ -28,7 +28,6 @@ from epcontact.studies.frame import (
     study,
     tabulate,
 )
-from epcontact.studies.paper_scene import HARDNESS, MEAN_PRESSURE, PARTS, rough_scene
 from epcontact.surfaces import filtered
 
 # --- gamma
@@ -36,7 +35,7 @@ from epcontact.surfaces import filtered
 #: The areas that the theory must have: of the paper's scene, and of the body without
 #: hardness.
 ELASTIC_BODY = "elastic body"
-AREAS = (*PARTS, ELASTIC_BODY)
+AREAS = (*paper.PARTS, ELASTIC_BODY)
 _AREA = Axis("area_fraction", r"contact area $A / A_0$ (–)")
 #: The endings of a column and of the columns of its interval.
 _ENDS = ("", "_low", "_high")
@@ -51,10 +50,10 @@ def theory_areas() -> pd.DataFrame:
         persson.full_contact_diffusion(paper.MODULUS, 1.0)
     )  # the rms slope is 1
     gammas = np.linspace(0.3, 1.0, 141)
-    capped = persson.areas(gammas * tau, MEAN_PRESSURE, HARDNESS)
-    elastic = persson.areas(gammas * tau, MEAN_PRESSURE)
+    capped = persson.areas(gammas * tau, paper.MEAN_PRESSURE, paper.HARDNESS)
+    elastic = persson.areas(gammas * tau, paper.MEAN_PRESSURE)
     columns = {"gamma": gammas}
-    for part in PARTS:
+    for part in paper.PARTS:
         columns[part] = getattr(capped, part)
     columns[ELASTIC_BODY] = elastic.total
     return pd.DataFrame(columns)
@@ -65,10 +64,12 @@ def fit_gamma(
 ) -> tuple[float, float, float]:
     """Return the gamma at which the theory has a measured area, and its interval.
 
+    gamma is the theory's energy reduction.
+
     Args:
         table: The areas of `theory_areas`.
-        measured: The name of the `area`, its area_fraction and the ends of its
-            interval.
+        measured: A row with `area` (name of a column of `table`), `area_fraction`, and
+            the ends `area_fraction_low` and `area_fraction_high` of its interval.
 
     Returns:
         The gamma, and the lower and upper end of its interval; NaN for none.
@@ -88,7 +89,8 @@ def fit_gamma(
 def one_gamma(fits: Sequence[tuple[float, float, float]]) -> bool:
     """Return whether one gamma lies within the intervals of all fits.
 
-    It is False if a fit is NaN.
+    `fits` are those of `fit_gamma`: gamma, lower and upper end of its interval.  The
+    result is False if one of them is NaN.
     """
     _, lows, highs = np.transpose(fits)
     return bool(lows.max() <= highs.min())
@@ -107,8 +109,11 @@ def gamma(
     """
 
     def row(seed: int, law: str) -> Rows:
-        """Return rows of the areas of one surface by boundary elements."""
-        scene = rough_scene(points, seed, bandwidth, paper.LAWS[law])
+        """Return rows of the areas of one surface by boundary elements.
+
+        `law` is "capped" or "elastic".  The rows are those of `paper_scene.area_rows`.
+        """
+        scene = paper.rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return paper.area_rows(paper.solve_bem(scene))
 
     table = tabulate(say, row, seed=seeds, law=paper.LAWS)
@@ -151,7 +156,14 @@ def gamma(
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
     y = Axis("deviation_percent", "theory over boundary elements, less 1 (%)")
     limits = {"ylim": (-40, 60)}
-    plot = replace(plot, y=y, series=("area",), mark="", level=0.0, limits=limits)
+    plot = replace(
+        plot,
+        y=y,
+        series=("area",),
+        mark="",
+        level=0.0,
+        limits=limits,
+    )
     yield plot, off, f"Deviation of the theory's areas, zero at the gammas {gammas}"
 
 
@@ -166,11 +178,18 @@ _DISTRIBUTIONS = 5
 
 
 def _curves(body: persson.Theory, magnifications: Sequence[float]) -> pd.DataFrame:
-    """Return the theory's areas: columns part, magnification and area_fraction."""
-    curve = body.magnification_curve(MEAN_PRESSURE, magnifications)
-    columns = {name: getattr(curve, name) for name in ("magnification", *PARTS)}
+    """Return the theory's contact areas at several magnifications.
+
+    The columns are part (total, elastic, plastic), magnification and area_fraction.
+
+    Args:
+        body: The theory of the paper's scene.
+        magnifications: Wave numbers up to which roughness is included, over the lowest.
+    """
+    curve = body.magnification_curve(paper.MEAN_PRESSURE, magnifications)
+    columns = {name: getattr(curve, name) for name in ("magnification", *paper.PARTS)}
     return pd.DataFrame(columns).melt(
-        "magnification", list(PARTS), "part", _AREA.column
+        "magnification", list(paper.PARTS), "part", _AREA.column
     )
 
 
@@ -195,8 +214,12 @@ def magnification(
     densities = []
 
     def row(seed: int, magnification: float) -> Rows:
-        """Return rows of the areas of one surface filtered at a magnification."""
-        scene = rough_scene(points, seed, bandwidth)
+        """Return rows of the areas of one surface without its short waves.
+
+        `magnification` is the largest wave number that is kept, over the lowest.  The
+        rows are those of `paper_scene.area_rows`.
+        """
+        scene = paper.rough_scene(points, seed, bandwidth)
         surface = filtered(scene.surface, magnification * paper.LOWEST)
         result = paper.solve_bem(replace(scene, surface=surface))
         if magnification in distributed:
@@ -207,7 +230,7 @@ def magnification(
     table = tabulate(say, row, seed=seeds, magnification=cut_offs)
     by = ["part", "magnification"]
     areas = mean_with_interval(table, _AREA.column, by, "estimated_error")
-    body = paper.theory_of(rough_scene(points, seeds[0], bandwidth))
+    body = paper.theory_of(paper.rough_scene(points, seeds[0], bandwidth))
     curves = _curves(body, np.geomspace(1, cut_offs[-1], 1000).tolist())
     lows = areas["area_fraction_low"].clip(lower=1e-12)  # for a logarithmic axis
     measured = areas.assign(area_fraction_low=lows)
@@ -230,13 +253,20 @@ def magnification(
         ratio = off[f"area_fraction{end}"] / off["area_fraction_theory"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
     y = Axis("deviation_percent", "boundary elements over theory, less 1 (%)")
-    deviation = replace(plot, y=y, series=("part",), log="x", limits={}, level=0.0)
+    deviation = replace(
+        plot,
+        y=y,
+        series=("part",),
+        log="x",
+        limits={},
+        level=0.0,
+    )
     yield deviation, off, f"Deviation of the areas, where they exceed {_SMALLEST_AREA}"
 
     groups = pd.concat(densities).groupby(["magnification", _DENSITY[0]], sort=False)
     tables = []
     for zeta in distributed:
-        curve = body.pressure_curve(MEAN_PRESSURE, zeta)
+        curve = body.pressure_curve(paper.MEAN_PRESSURE, zeta)
         distribution = PressureDistribution(
             curve.pressure, curve.cumulative, curve.plastic
         )
@@ -252,7 +282,7 @@ def magnification(
         series=("zeta", "method"),
         colour="zeta",
         log="y",
-        limits={"ylim": (1e-5, None), "xlim": (0, HARDNESS / 1e9)},
+        limits={"ylim": (1e-5, None), "xlim": (0, paper.HARDNESS / 1e9)},
     )
     yield plot, both, "Density of the pressure in elastic contact"
 
@@ -298,26 +328,34 @@ def pressures(
     densities = []
 
     def row(seed: int, points_per_wavelength: int) -> Rows:
-        """Return rows of the values at the ends of P(sigma) on one grid."""
-        scene = rough_scene(points_per_wavelength, seed, bandwidth)
+        """Return the rows of `end_values` for one surface on one grid.
+
+        The density of the pressure is added to `densities`.
+        """
+        scene = paper.rough_scene(points_per_wavelength, seed, bandwidth)
         result = bem.solve(scene, area_tolerance=1e-6)
-        density = paper.binned(result.distribution, HARDNESS, _RELATIVE)
+        density = paper.binned(result.distribution, paper.HARDNESS, _RELATIVE)
         densities.append(density.assign(points_per_wavelength=points_per_wavelength))
         return end_values(result, points_per_wavelength)
 
     values = tabulate(say, row, seed=seeds, points_per_wavelength=points)
-    scene = rough_scene(points[0], seeds[0], bandwidth)
+    scene = paper.rough_scene(points[0], seeds[0], bandwidth)
     by = ["points_per_wavelength", _RELATIVE[0]]
     groups = pd.concat(densities).groupby(by, sort=False)
     measured = groups[_RELATIVE[1]].mean().reset_index()
     measured["series"] = measured[by[0]].map("{:g} points a wavelength".format)
     distribution = paper.solve_theory(scene).distribution
-    by_theory = paper.binned(distribution, HARDNESS, _RELATIVE)
+    by_theory = paper.binned(distribution, paper.HARDNESS, _RELATIVE)
     x = Axis(
         _RELATIVE[0], r"contact pressure over hardness, $\sigma / \sigma_\mathrm{P}$"
     )
     y = Axis(_RELATIVE[1], r"density $P(\sigma)\,\sigma_\mathrm{P}$ (–)")
-    plot = Plot(x, y, style="curve", limits={"ylim": (0, None), "xlim": (0, 1)})
+    plot = Plot(
+        x,
+        y,
+        style="curve",
+        limits={"ylim": (0, None), "xlim": (0, 1)},
+    )
     table = pd.concat([by_theory.assign(series="persson"), measured])
     yield plot, table, "Density of the pressure"
 
@@ -331,7 +369,13 @@ def pressures(
         form = "{end} {limit:+.3g} (theory {theory:.3g})"
         listed = list_rows(limits.assign(**columns), form)
         series = ("method", "end", "kind")
-        plot = Plot(x, Axis(quantity, label), series, colour="end", level=0.0)
+        plot = Plot(
+            x,
+            Axis(quantity, label),
+            series,
+            colour="end",
+            level=0.0,
+        )
         title = f"The {name} of P at the ends, with limits for ever finer grids: "
         yield plot, table, title + listed
 
@@ -363,8 +407,20 @@ def _ends_table(
 
 
 def end_values(result: ContactResult, points_per_wavelength: float) -> Rows:
-    """Return DENSITY and SLOPE of a result on a grid, a row for each end."""
-    relative = result.fields["pressure"] / HARDNESS
+    """Return the density of the pressure at its two ends, and its mean slope there.
+
+    The ends are the pressures 0 and the hardness, the unit of the pressure is the
+    hardness.
+
+    Args:
+        result: A result of the paper's scene by boundary elements.
+        points_per_wavelength: Grid points per shortest wavelength, which determine the
+            width of the window of the density.
+
+    Returns:
+        A row for each end, with the columns end, DENSITY and SLOPE.
+    """
+    relative = result.fields["pressure"] / paper.HARDNESS
     areas = result.final.areas["raw"], result.final.areas["corrected"]
     narrow = WINDOW * math.sqrt(COARSEST / points_per_wavelength)
     narrow_fits = end_fits(relative, 1.0, narrow, areas)
@@ -372,24 +428,37 @@ def end_values(result: ContactResult, points_per_wavelength: float) -> Rows:
     rows = []
     for end, of_density, of_slope in zip(ENDS, narrow_fits, wide_fits, strict=True):
         density = of_density.density
-        rows.append({"end": end, DENSITY: density, SLOPE: of_slope.continuum_slope})
+        rows.append(
+            {
+                "end": end,
+                DENSITY: density,
+                SLOPE: of_slope.continuum_slope,
+            }
+        )
     return rows
 
 
 def theory_values(scene: Scene) -> Rows:
-    """Return DENSITY and SLOPE by the theory, a row for each end.
+    """Return the theory's density of the pressure at its two ends, and its mean slope.
 
-    The theory has the spectrum of the scene's surface.
+    The theory takes the spectrum of the scene's surface.  The rows have the columns of
+    `end_values`.
     """
     final = paper.solve_theory(scene).final
-    G = final.quantities["diffusion"] / HARDNESS**2
-    p0 = scene.load.final / HARDNESS
+    G = final.quantities["diffusion"] / paper.HARDNESS**2
+    p0 = scene.load.final / paper.HARDNESS
     ends = np.array([WINDOW, 1 - WINDOW])
     at_zero, below_window = persson.pressure_cumulative(ends, G, p0, 1.0)
     at_hardness = final.areas["raw"].elastic - below_window
     rows = []
     for end, area in zip(ENDS, (at_zero, at_hardness), strict=True):
-        rows.append({"end": end, DENSITY: 0.0, SLOPE: float(2 * area / WINDOW**2)})
+        rows.append(
+            {
+                "end": end,
+                DENSITY: 0.0,
+                SLOPE: float(2 * area / WINDOW**2),
+            }
+        )
     return rows
 
 

@@ -42,7 +42,11 @@ HARDNESS = 0.2 * SLOPE
 #: Mean pressures over the hardness.
 LOADS = (0.01, 0.03, 0.1, 0.2, 0.4)
 #: Contact states of a grid point that count as each part of the area.
-STATES = {"total": (ELASTIC, PLASTIC), "elastic": (ELASTIC,), "plastic": (PLASTIC,)}
+STATES = {
+    "total": (ELASTIC, PLASTIC),
+    "elastic": (ELASTIC,),
+    "plastic": (PLASTIC,),
+}
 #: Quantities that a table of loads shows, beside areas and the mean gap.
 MEASURED = (
     "stiffness loading",
@@ -53,23 +57,40 @@ MEASURED = (
 TREATMENTS = ("mirrored", "periodic")
 
 
-def _rolled_off(n: int, seed: int, longest: float = 24.0) -> FloatArray:
+def _rolled_off(
+    n: int,
+    seed: int,
+    longest: float = 24.0,
+) -> FloatArray:
     """Return self-affine heights (n, n) of Hurst exponent .8 and rms slope 1.
 
-    The shortest waves have 4 points, those of the roll-off `longest` points.
+    The unit of length is the grid spacing.  The shortest waves have 4 points, those of
+    the roll-off `longest` points.
     """
     lowest = 2 * math.pi / n
     roll_off = max(n / longest, 1.0)
-    return self_affine(lowest, (n, n), seed, n / 4, roll_off).heights
+    return self_affine(
+        lowest,
+        (n, n),
+        seed,
+        n / 4,
+        roll_off,
+    ).heights
 
 
 def _self_affine(n: int, seed: int) -> FloatArray:
-    """Return self-affine heights (n, n) without roll-off."""
+    """Return self-affine heights (n, n) without roll-off.
+
+    The unit of length is the grid spacing; `seed` is that of the random numbers.
+    """
     return _rolled_off(n, seed, math.inf)
 
 
 def _turned(n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) of a turned surface: oblique grooves with roughness."""
+    """Return heights (n, n) of a turned surface: oblique grooves with roughness.
+
+    The unit of length is the grid spacing; `seed` is that of the random numbers.
+    """
     grooves = max(n // 20, 2)
     x = np.arange(n) / n
     profile = ((grooves * x[:, None] + x) % 1 - 0.5) ** 2
@@ -78,7 +99,10 @@ def _turned(n: int, seed: int) -> FloatArray:
 
 
 def _blasted(n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) of a blasted surface: round dents with roughness."""
+    """Return heights (n, n) of a blasted surface: round dents with roughness.
+
+    The unit of length is the grid spacing; `seed` is that of the random numbers.
+    """
     rng = np.random.default_rng(seed)
     x = np.arange(n)
     dents = np.zeros((n, n))
@@ -92,14 +116,20 @@ def _blasted(n: int, seed: int) -> FloatArray:
 
 
 def _worn(n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) whose summits are worn to plateaus with roughness."""
+    """Return heights (n, n) whose summits are worn to plateaus with roughness.
+
+    The unit of length is the grid spacing; `seed` is that of the random numbers.
+    """
     rough = _rolled_off(n, seed)
     plateaus = np.minimum(rough, 0.3 * rough.std())
     return np.asarray(plateaus + 0.1 * _rolled_off(n, seed + 77, 12.0))
 
 
 def _ridged(n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) of a positive skewness."""
+    """Return heights (n, n) of a positive skewness.
+
+    The unit of length is the grid spacing; `seed` is that of the random numbers.
+    """
     rough = _rolled_off(n, seed)
     return np.asarray(np.expm1(0.7 * rough / rough.std()) * rough.std())
 
@@ -108,15 +138,19 @@ KINDS: Any = by_name(_rolled_off, _self_affine, _turned, _blasted, _worn, _ridge
 
 
 def _solve(surface: Surface, load: float) -> tuple[Scene, ContactResult]:
-    """Return scene and result of a surface under a load over the hardness."""
+    """Solve a surface by boundary elements and return the scene and its result.
+
+    `load` is the mean pressure over the hardness.
+    """
     scene = Scene(surface, Material(1.0, 0.0, HARDNESS), Load(load * HARDNESS))
     return scene, bem.solve(scene, threads=1, area_tolerance=1e-5)
 
 
 def _measure(surface: Surface, load: float) -> dict[str, float]:
-    """Return mean gap and the quantities MEASURED under a load over the hardness.
+    """Return the mean gap and the quantities MEASURED of a surface, by name.
 
-    A quantity is NaN where a linear solve does not converge.
+    `load` is the mean pressure over the hardness.  A quantity is NaN where a linear
+    solve does not converge.
     """
     scene, result = _solve(surface, load)
     values = {"mean gap": result.final.quantities["mean_gap"]}
@@ -129,7 +163,7 @@ def _measure(surface: Surface, load: float) -> dict[str, float]:
 
 
 def _heights(kind: str, n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) of a kind with the rms slope SLOPE."""
+    """Return heights (n, n) of a kind, a name in KINDS, with the rms slope SLOPE."""
     heights = KINDS[kind](n, seed)
     return np.asarray(heights * (SLOPE / rms_slope(heights, (1.0, 1.0))))
 
@@ -139,7 +173,8 @@ def _treat(heights: FloatArray, treatment: Any) -> tuple[Surface, float]:
 
     Args:
         heights: The map, (n, n), whose spacing is 1.
-        treatment: "mirrored" or "periodic".
+        treatment: "mirrored": mirror images continue the map; "periodic": the map is
+            taken as a period.
 
     Returns:
         The surface, and rms slope over rms curvature over the side.
@@ -159,6 +194,11 @@ def controls(kind: str, points: int, seed: int) -> Rows:
         kind: Name in KINDS.
         points: Points along a side of the map.
         seed: Seed of the surface.
+
+    Returns:
+        Rows with treatment, load (mean pressure over the hardness), length (rms slope
+        over rms curvature over the side of the map), quantity and error (relative; NaN
+        where the exact value is 0).
     """
     period = _heights(kind, points, seed)
     piece = _heights(kind, 3 * points, seed + 100)[:points, :points]
@@ -187,7 +227,12 @@ def controls(kind: str, points: int, seed: int) -> Rows:
     return rows
 
 
-def crops(kind: str, points: int, seed: int, tiles: int) -> Rows:
+def crops(
+    kind: str,
+    points: int,
+    seed: int,
+    tiles: int,
+) -> Rows:
     """Return errors of the raw areas of crops of a larger surface, over the total area.
 
     Each crop is solved under the load that it carries on the larger surface.
@@ -198,6 +243,9 @@ def crops(kind: str, points: int, seed: int, tiles: int) -> Rows:
         seed: Seed of the surface.
         tiles: Crops along a side of the larger surface; one in each row and column is
             solved.
+
+    Returns:
+        Rows with the columns of `controls`; the error is over the total area.
     """
     side = points * tiles
     heights = _heights(kind, side, seed)
@@ -230,7 +278,12 @@ def crops(kind: str, points: int, seed: int, tiles: int) -> Rows:
     return rows
 
 
-@study("treatment", points=(96, 192), seeds=(2, 3), tiles=5)
+@study(
+    "treatment",
+    points=(96, 192),
+    seeds=(2, 3),
+    tiles=5,
+)
 def treatment(
     say: Say,
     points: Ints = (48,),
@@ -264,5 +317,11 @@ def treatment(
             listed = list_rows(bounds, "{treatment} ({size:.2g}, {ratio:.2g})")
             y = Axis("error", f"rms relative error of {name} (–)")
             means = root_mean_square(errors, "error", ["treatment", "load"])
-            plot = Plot(x, y, ("treatment",), log="xy", ticks=LOADS)
+            plot = Plot(
+                x,
+                y,
+                ("treatment",),
+                log="xy",
+                ticks=LOADS,
+            )
             yield plot, means, f"{title}: {name}, {listed}"

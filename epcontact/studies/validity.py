@@ -23,10 +23,15 @@ LEVELS = (-0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2)
 #: Ends of hardness/(E* xi) between which a body without hardness is drawn.
 _STRIP = (3.8, 5.2)
 _OUTSIDE = "#bbbbbb"
-_UNRESOLVED: Any = {"fc": "#dddddd", "ec": "#777777", "hatch": "////", "linewidth": 0}
+_UNRESOLVED: Any = {
+    "fc": "#dddddd",
+    "ec": "#777777",
+    "hatch": "////",
+    "linewidth": 0,
+}
 _X = "pressure_over_slope_modulus"
 _Y = "hardness_over_slope_modulus"
-#: The figures of the map that are drawn, with the titles of their panels.
+#: The quantities of the map that are drawn, with the titles of their panels.
 _TITLES = {
     "total": "contact area",
     "elastic": "elastic area",
@@ -87,12 +92,20 @@ def _places(hardnesses: int, loads: int) -> Iterator[tuple[float, FloatArray]]:
 
 
 def _draw(table: pd.DataFrame) -> Any:
-    """Return a figure with a panel for each figure of the map, in bands of colour."""
+    """Return a matplotlib figure with a panel for each quantity of the map.
+
+    `table` has the columns of the study: series (name of the quantity), load and
+    hardness over E* xi, and relative_error, which is drawn in bands of colour.
+    """
     from matplotlib.colors import BoundaryNorm
 
     levels = [-1.001, *LEVELS, 1.0]
     norm = BoundaryNorm(levels, 256)
-    look: dict[str, Any] = {"cmap": DIFFERENCE_MAP, "norm": norm, "levels": levels}
+    look: dict[str, Any] = {
+        "cmap": DIFFERENCE_MAP,
+        "norm": norm,
+        "levels": levels,
+    }
     with styled():
         figure, _ = new_figure(7.6, 5.6)
         figure.clear()
@@ -109,8 +122,18 @@ def _draw(table: pd.DataFrame) -> Any:
     return figure
 
 
-def _draw_panel(axes: Any, rows: pd.DataFrame, look: dict[str, Any]) -> None:
-    """Draw the error of one figure of the map over load and hardness."""
+def _draw_panel(
+    axes: Any,
+    rows: pd.DataFrame,
+    look: dict[str, Any],
+) -> None:
+    """Draw the relative error of one quantity of the map over load and hardness.
+
+    Args:
+        axes: The matplotlib axes.
+        rows: Rows of this quantity, in the order of hardness and load.
+        look: Colours and levels, arguments of `contourf`.
+    """
     hardnesses = rows[_Y].nunique()
     x = rows[_X].to_numpy().reshape(hardnesses, -1)
     y = rows[_Y].to_numpy().reshape(hardnesses, -1)
@@ -135,7 +158,13 @@ def _draw_panel(axes: Any, rows: pd.DataFrame, look: dict[str, Any]) -> None:
 
 
 def _add_legends(figure: Any, panels: Any, norm: Any) -> None:
-    """Add the bar of the colours and the keys of places without an error."""
+    """Add the colour bar and the legend of the areas without an error to a figure.
+
+    Args:
+        figure: The matplotlib figure.
+        panels: Its axes.
+        norm: Maps relative errors to colours.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.patches import Patch
 
