@@ -216,6 +216,9 @@ def test_charts_of_the_ledger_have_median_times_and_rms_errors():
 
 
 def test_a_folder_without_two_answers_is_one_sentence(tmp_path):
+    """`accuracy` refuses a folder without results to compare: exit code 2
+    and one line.
+    """
     done = invoke("accuracy", tmp_path)
     assert done.returncode == 2
     assert done.stdout == ""

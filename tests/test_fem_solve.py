@@ -177,6 +177,7 @@ def test_j2_flow_is_elastic_again_where_the_surface_has_not_yielded():
     """
     path = solve_path(rough_scene(16, 3))
     point = path.points[-1]
+    # The first 16 x 16 elements are the top layer; rows are 0 where none has yielded.
     rows = path.history.rows[:256].reshape(16, 16)
     for i, j in np.ndindex(16, 16):
         around = rows[[i - 1, i - 1, i, i], [j - 1, j, j - 1, j]]
