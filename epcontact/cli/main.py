@@ -58,9 +58,10 @@ class _Commands(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Return the command of a name from `COMMANDS`, and import its module.
+        """Import the module of a command and return the command.
 
-        `ctx` is not used.  Raises UsageError if there is no such command.
+        `cmd_name` is its name, a key of `COMMANDS`; `ctx` is not used.  Raises
+        UsageError if there is no such command.
         """
         if cmd_name not in COMMANDS:
             raise click.UsageError(

@@ -161,7 +161,7 @@ def _narrow_gates(cases: Sequence[CaseVerdict]) -> Table:
 
 
 def _styled(status: str) -> str:
-    """Return a status in its colour, as rich's markup."""
+    """Return a status, a key of STYLES, in its colour, as rich markup."""
     return f"[{STYLES[status]}]{status}[/]"
 
 
@@ -183,7 +183,7 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
     in_percent = gate.norm == "relative" and max(abs(gate.low), abs(gate.high)) >= 1e-4
 
     def show(x: float, digits: int = 2) -> str:
-        """Return a difference with its sign, in per cent or with an exponent.
+        """Return a difference `x` with its sign, in per cent or with an exponent.
 
         `digits` is the number of decimals.
         """
@@ -202,7 +202,10 @@ def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
 
 
 def gamma_sentence(case: Case) -> str:
-    """Return the sentence on the theory's energy reduction; "" without the theory."""
+    """Return the sentence on the energy reduction gamma of a case's theory.
+
+    It is empty if no method of the case has the option `energy_reduction`.
+    """
     for method in case.methods:
         gamma = case.options[method].get("energy_reduction")
         if gamma is not None:

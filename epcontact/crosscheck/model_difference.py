@@ -321,7 +321,7 @@ def elements_area(solved: SolvedScene) -> float:
 
 
 def _require_j2(solved: SolvedScene) -> None:
-    """Raise InvalidCase unless the result is that of a body with J2 flow."""
+    """Raise InvalidCase unless the result of a solved scene is one with J2 flow."""
     if not solved.flows:
         law = solved.result.provenance.options.get("law")
         raise InvalidCase(

@@ -138,7 +138,8 @@ def measured_hardness(
 def _solve_j2(scene: Scene, **options: Any) -> ContactResult:
     """Return the result of finite elements with J2 flow, without the certificate.
 
-    `options` are others of `fem_check.solve`.  Raises InvalidScene and NotConverged.
+    `options` are further ones of `fem_check.solve`.  Raises InvalidScene if they do not
+    fit the scene, and NotConverged if the solve fails.
     """
     return fem_check.solve(scene, law="j2", certified=False, **options)
 

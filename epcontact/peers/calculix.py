@@ -151,7 +151,11 @@ def deck(
 
 
 def _require_supported(scene: Scene, options: FemOptions) -> None:
-    """Raise InvalidScene if CalculiX is not used for these options or this load."""
+    """Raise InvalidScene if CalculiX is not used for a scene with these options.
+
+    The law must be "elastic" or "j2", the geometry "gap", and all mean pressures of the
+    scene positive; an approach cannot be prescribed.
+    """
     if (
         options.law == "capped"
         or options.geometry != "gap"
@@ -185,15 +189,23 @@ def _mesh_lines(mesh: Any, element: str) -> list[str]:
 
 
 def _clearances(problem: Problem) -> FloatArray:
-    """Return the gaps (m, shape (nx, ny)) to a flat that touches the highest point."""
+    """Return the gaps between the undeformed surface of a block and a flat.
+
+    The flat touches the highest point.  The gaps are in m, of shape (nx, ny).
+    """
     return np.asarray(problem.heights.max() - problem.heights)
 
 
 def _flat_lines(problem: Problem, mesh: Any, nodes: _NodeNumbers) -> list[str]:
     """Return the lines with the nodes of the rigid flat.
 
-    They lie a grid spacing above the block (`mesh`, a `meshio.Mesh`), where a viewer
-    shows them.  Their distance does not matter: the springs have the gaps.
+    The nodes lie a grid spacing above the block, where a viewer shows them.  Their
+    distance does not matter, because the springs have the gaps.
+
+    Args:
+        problem: the block of the scene.
+        mesh: its `meshio.Mesh`.
+        nodes: the node numbers.
     """
     spacing = min(problem.block.spacing)
     clearance = _clearances(problem).reshape(-1, 1)
@@ -212,7 +224,11 @@ def _spring_lines(
 ) -> list[str]:
     """Return the lines with a unilateral spring between each top node and the flat.
 
-    `penalty` is the stiffness over Young's modulus times the grid spacing.
+    Args:
+        problem: the block of the scene.
+        scene: the scene.
+        nodes: the node numbers.
+        penalty: stiffness of a spring over Young's modulus times the grid spacing.
     """
     spacing = min(problem.block.spacing)
     stiffness = _number(penalty * scene.material.young_modulus * spacing)
@@ -264,7 +280,11 @@ def _boundary_lines(nodes: _NodeNumbers, slides: bool) -> list[str]:
 
 
 def _material_lines(scene: Scene, options: FemOptions) -> list[str]:
-    """Return the lines with the elastic constants and, for J2, the yield curve."""
+    """Return the lines of the input file with the scene's material, in SI units.
+
+    They have the elastic constants and, if the law of the options is "j2", the yield
+    curve.
+    """
     material = scene.material
     elastic = (_number(material.young_modulus), _number(material.poisson_ratio))
     lines = ["*MATERIAL, NAME=solid", "*ELASTIC", ", ".join(elastic)]
@@ -279,7 +299,8 @@ def _material_lines(scene: Scene, options: FemOptions) -> list[str]:
 def _step_lines(force: float, options: FemOptions) -> list[str]:
     """Return the lines of a step to a downward force (N) on the flat.
 
-    A step prints, in this order, the tables that `_read_step` reads: the forces on the
+    `options` have the law and, of a J2 body, the number of increments.  A step prints,
+    in this order, the tables that `_read_step` reads: the forces on the
     nodes of the flat, the displacements of the top and of the flat and, of a J2 body,
     the plastic strains of the top layer of elements.
     """
@@ -303,12 +324,15 @@ def _step_lines(force: float, options: FemOptions) -> list[str]:
 
 
 def _number(x: float) -> str:
-    """Return a number as the input file has it, with thirteen digits."""
+    """Return a number as text with thirteen digits, which CalculiX can read."""
     return f"{x:.12e}"
 
 
 def _pull(problem: Problem, scene: Scene) -> float:
-    """Return the tensile force in N of the spring across an open gap."""
+    """Return the tensile force (N) of a spring across an open gap of the block.
+
+    It is PULL times the force on a node at the largest mean pressure of the scene.
+    """
     return PULL * max(scene.load.path) * problem.block.node_area
 
 
@@ -401,9 +425,17 @@ def _read_step(
 def _result_of_step(
     problem: Problem, scene: Scene, load: float, tables: _StepTables
 ) -> tuple[LoadStep, dict[str, Any]]:
-    """Return the load step of a mean pressure (Pa), and its fields of shape (nx, ny).
+    """Return the load step of a mean pressure, and its fields.
 
-    The fields are pressure (Pa), gap (m), displacement (m, downward) and state.
+    Args:
+        problem: the block of the scene.
+        scene: the scene.
+        load: the mean pressure in Pa.
+        tables: what CalculiX printed for this load.
+
+    Returns:
+        The load step with areas and quantities, and the fields of shape (nx, ny) by
+        name: pressure (Pa), gap (m), displacement (m, downward) and state.
     """
     # An open spring pulls with a small force; a closed one presses with a far larger.
     in_contact = tables.forces > 100 * _pull(problem, scene)
@@ -541,7 +573,10 @@ def export(scene: Scene, file: Path, options: Mapping[str, Any]) -> str:
 
 
 def _describe(scene: Scene, options: FemOptions) -> list[str]:
-    """Return phrases on the body, the material and the loads of a scene."""
+    """Return phrases on the body, the material and the loads of a scene.
+
+    `options` have the law.  The phrases are comments of the exported file.
+    """
     material = scene.material
     loads = ", ".join(f"{pressure:g}" for pressure in scene.load.path)
     return [

@@ -119,9 +119,10 @@ def ladder(recipe: Recipe, *, beyond: bool) -> list[tuple[int, ...]]:
 
 
 def points_per_wavelength(recipe: Recipe) -> float:
-    """Return the points per shortest wavelength along the coarser axis of the grid.
+    """Return the points per shortest wavelength of the surface of a recipe.
 
-    NaN if the surface is not self-affine, and so has no shortest wavelength.
+    They are counted along the axis with the larger spacing.  NaN if the surface is not
+    self-affine, and so has no shortest wavelength.
     """
     base = recipe
     if isinstance(recipe, Section):

@@ -169,7 +169,7 @@ def plan(
     step: int | None = -1 if only_last_load else None
 
     def solve(recipe: Recipe, **tried: Any) -> Pilot:
-        """Return a pilot of the case on one surface.
+        """Return a pilot of the case on the surface of one recipe.
 
         `tried` are options of the method that are added to those chosen so far.  The
         first pilot chooses the load that all later ones are for.  Raises EpcontactError
@@ -489,7 +489,10 @@ def _error_by_pilots(
 
 
 def planned_case(case: Case, chosen: Plan) -> Case:
-    """Return a case with the grid, surfaces and options of its plan, as size "auto"."""
+    """Return a case with the grid, surfaces and options of the plan `chosen` for it.
+
+    The size of the case becomes "auto".
+    """
     options = {method: dict(given) for method, given in case.options.items()}
     if chosen.method in options and chosen.on_grid:
         options[chosen.method] |= chosen.options
@@ -499,9 +502,9 @@ def planned_case(case: Case, chosen: Plan) -> Case:
 def finer_case(case: Case, chosen: Plan) -> Case | None:
     """Return the case that checks a plan, with twice the points along each direction.
 
-    A method on a grid solves it, even if the plan chose the theory.  The case has the
-    first surfaces of the plan.  The result is None if the surfaces have but one grid,
-    as measured ones have.
+    The cheapest method on a grid solves it, even if the plan `chosen` has the theory as
+    its method.  The case has up to PILOT_SURFACES surfaces of the plan and no gates.
+    The result is None if the surfaces have only one grid, as measured ones have.
     """
     recipes = []
     for recipe in chosen.recipes[:PILOT_SURFACES]:

@@ -111,7 +111,10 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
 
 
 def write_table(rows: pd.DataFrame, path: Path) -> None:
-    """Write a table to a CSV file; raise OutputError if that is not possible."""
+    """Write the rows of a table to a CSV file, with six digits of each number.
+
+    `path` is the file.  Raises OutputError if it cannot be written.
+    """
     with atomic_write(path) as file:
         rows.to_csv(file, index=False, float_format="%.6g")
 

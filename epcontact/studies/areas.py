@@ -38,7 +38,11 @@ Maker = Callable[[Any, Random], Any]
 
 
 def by_name(*makers: Any) -> dict[str, Maker]:
-    """Return functions by name, with spaces instead of underscores."""
+    """Return functions by their names, with spaces instead of underscores.
+
+    The function `_truncated_cones`, one of the `makers`, gets the key "truncated
+    cones".
+    """
     return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
 
 

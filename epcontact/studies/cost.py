@@ -42,7 +42,11 @@ _SIDE = Axis("points_a_side", "grid points a side (–)")
 
 
 def timed(function: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
-    """Return the value of a function, and its wall-clock and processor time in s."""
+    """Call a function without arguments and measure its time.
+
+    Returns the value of the function, and the pair of wall-clock and processor time in
+    s.
+    """
     wall = time.perf_counter()
     processor = time.process_time()
     value = function()
@@ -89,8 +93,13 @@ def pair_times(
 ) -> tuple[float, float]:
     """Return the least wall-clock and processor time in s of a real FFT pair.
 
-    The transforms write into existing arrays, because new arrays would add the time for
-    clearing their pages.
+    A pair is a transform forward and one back.  The transforms write into existing
+    arrays, because new arrays would add the time for clearing their pages.
+
+    Args:
+        shape: Shape of the grid.
+        threads: Number of threads of a transform.
+        repeats: Number of pairs, of which the least times are returned.
     """
     field = np.random.default_rng(1).random(shape)
     modes = np.zeros((*shape[:-1], shape[-1] // 2 + 1), dtype=np.complex128)
@@ -219,7 +228,8 @@ def speed(
     def row(points_a_side: int, law: str) -> Rows:
         """Return cost and area error of one surface, a row for each accuracy of AIMS.
 
-        `law` is "capped" or "elastic".
+        The grid has `points_a_side` points along each direction; `law` is "capped" or
+        "elastic".
         """
         bandwidth = min(256, points_a_side // 4)
         scene = rough_scene(points_a_side / bandwidth, 7, bandwidth, LAWS[law])

@@ -196,7 +196,7 @@ def _paths_chart(
 ) -> _Chart:
     """Return the chart of the iterations of load paths over the nodes a side.
 
-    `meshes` are pairs of nodes a side and layers.
+    `meshes` are pairs of nodes a side and layers, and `seeds` those of the surfaces.
     """
     costs = path_costs(say, meshes, seeds)
     x = Axis("nodes", "nodes a side (–)")
@@ -316,7 +316,7 @@ def path_costs(
     def row(mesh: tuple[int, int], seed: int) -> dict[str, float]:
         """Return the columns of `path_costs` for one load path.
 
-        `mesh` is the pair of nodes a side and layers.
+        `mesh` is the pair of nodes a side and layers, `seed` that of the surface.
         """
         nodes, layers = mesh
         _, time_of_pair = pair_times((2048, 2048), 1, 3)

@@ -149,7 +149,11 @@ def mean_with_interval(
             columns <value>_low and <value>_high.
         by: Columns that define the groups, which keep the order of their first rows.
         shared_error: A column of errors that the rows of a group have in common and
-            that do not average out; their mean is added in quadrature.
+            that do not average out; their mean is added in quadrature.  Empty: none.
+
+    Returns:
+        A row for each group, with the columns `by`, the means of all numeric columns,
+        and both ends of the interval.
     """
     groups = table.groupby(list(by), sort=False)
     means = groups.mean(numeric_only=True).drop(columns="seed", errors="ignore")
@@ -181,9 +185,10 @@ def root_mean_square(
 
 
 def list_rows(table: pd.DataFrame, form: str) -> str:
-    """Return the rows of a table for a title, separated by commas.
+    """Return the rows of a table as text for a title, separated by commas.
 
-    `form` is a format string with the names of columns.
+    `form` is the format string of a row, such as "{nodes}: {time:.3g}" with the names
+    of columns.
     """
     return ", ".join(form.format(**row) for row in table.to_dict("records"))
 
@@ -195,8 +200,11 @@ def save_charts(
 ) -> list[Path]:
     """Write the charts of a study, four files each, and return their paths.
 
-    The files are named <name>-1, <name>-2, ... with four endings, or <name> if there is
-    one chart.
+    Args:
+        name: Name of the study.  The files are called <name>-1, <name>-2, ... with four
+            endings; if there is one chart, <name>.
+        charts: The charts.
+        folder: Folder of the files.
 
     Raises:
         OutputError: A file cannot be written.
@@ -211,8 +219,8 @@ def save_charts(
 def _describe_options(values: Mapping[str, Any]) -> str:
     """Return the options of a study in words for its caption, separated by "; ".
 
-    Numbers, words and sequences are described; options of other types, such as tables
-    of data, are left out.
+    `values` are the options by name.  Numbers, words and sequences are described;
+    options of other types, such as tables of data, are left out.
     """
     described = []
     for name, value in values.items():

@@ -106,7 +106,7 @@ def gap(
     def solve(law: str, seed: int) -> Rows:
         """Return rows of `gaps` of one surface by boundary elements.
 
-        `law` is "capped" or "elastic".
+        `law` is "capped" or "elastic", and `seed` that of the surface.
         """
         scene = paper.rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return gaps(scene, LOADS, paper.solve_bem)
@@ -220,10 +220,15 @@ def block_gaps(law: str, grid: int, waves: int) -> Rows:
 
 
 def solve_model(model: str, scene: Scene) -> ContactResult:
-    """Return the result of "cap" (boundary elements) or "J2" (finite elements).
+    """Solve a scene by a model: a pressure cap or J2 flow.
 
-    The scene has a hardness; the yield stress of the J2 body is the hardness over
-    TABOR.
+    Args:
+        model: "cap" (boundary elements with the scene's hardness) or "J2" (finite
+            elements, with a yield stress of the hardness over TABOR).
+        scene: A scene with a finite hardness.
+
+    Raises:
+        NotConverged: The solve does not converge.
     """
     if model == "cap":
         return paper.solve_bem(scene)

@@ -102,7 +102,11 @@ def rough_scene(
 
 
 def yielding(scene: Scene) -> Scene:
-    """Return the scene of a J2 body whose yield stress is the hardness over TABOR."""
+    """Return the scene with a J2 body instead of a capped one.
+
+    The yield stress is the hardness of the given scene over TABOR; the hardness of the
+    new scene is infinite, which means that no cap bounds the pressure.
+    """
     yield_stress = scene.material.hardness / TABOR
     material = replace(scene.material, hardness=math.inf, yield_stress=yield_stress)
     return replace(scene, material=material)
@@ -113,7 +117,7 @@ def area_of(
     part: str,
     kind: str = "corrected",
 ) -> float:
-    """Return one area of the last load step as a fraction of the nominal area.
+    """Return one area of a result's last load as a fraction of the nominal area.
 
     `part` is total, elastic or plastic, and `kind` is raw, corrected or error.
     """
@@ -121,9 +125,10 @@ def area_of(
 
 
 def area_rows(result: ContactResult) -> Rows:
-    """Return a row for each part of the corrected area.
+    """Return a row for each part of the corrected area of a result.
 
-    Columns: part, area_fraction and its estimated_error.
+    The areas are those of the last load, over the nominal area.  Columns: part (total,
+    elastic, plastic), area_fraction and its estimated_error.
     """
     rows = []
     for part in PARTS:

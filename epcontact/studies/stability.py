@@ -264,7 +264,7 @@ def _finite_elements(
         return fem_check.solve(scene, law="j2", steps=4)
 
     def check(result: ContactResult) -> float:
-        """Return the largest residual of the balance of forces, dimensionless."""
+        """Return the largest residual of the balance of forces of a result."""
         return max(abs(r) for r in result.final.residuals.values())
 
     return _solve_and_check(solve, "newton_steps", check)
@@ -290,7 +290,10 @@ def _sum(method: str, x: float, y: float) -> Any:
         return float(areas.elastic), float(areas.plastic), float(areas.separated)
 
     def relative_error(value: float, reference: float) -> float:
-        """Return the relative error; a reference below 1e-280 counts as this number."""
+        """Return the relative error of a value.
+
+        A reference of less than 1e-280, such as 0, counts as 1e-280.
+        """
         return abs(value - reference) / max(abs(reference), 1e-280)
 
     exact = package(x)
@@ -421,5 +424,5 @@ def write(
 
 
 def _failed(table: pd.DataFrame) -> int:
-    """Return the number of solves that did not converge."""
+    """Return the number of solves in the rows of `stability` that did not converge."""
     return int((~table["converged"]).sum())

@@ -111,7 +111,8 @@ def gamma(
     def row(seed: int, law: str) -> Rows:
         """Return rows of the areas of one surface by boundary elements.
 
-        `law` is "capped" or "elastic".  The rows are those of `paper_scene.area_rows`.
+        `law` is "capped" or "elastic", and `seed` that of the surface.  The rows are
+        those of `paper_scene.area_rows`.
         """
         scene = paper.rough_scene(points, seed, bandwidth, paper.LAWS[law])
         return paper.area_rows(paper.solve_bem(scene))
@@ -328,9 +329,10 @@ def pressures(
     densities = []
 
     def row(seed: int, points_per_wavelength: int) -> Rows:
-        """Return the rows of `end_values` for one surface on one grid.
+        """Return the rows of `end_values` for the surface of a seed on one grid.
 
-        The density of the pressure is added to `densities`.
+        The grid has `points_per_wavelength` points per shortest wavelength.  The
+        density of the pressure is added to `densities`.
         """
         scene = paper.rough_scene(points_per_wavelength, seed, bandwidth)
         result = bem.solve(scene, area_tolerance=1e-6)

@@ -163,7 +163,11 @@ def _measure(surface: Surface, load: float) -> dict[str, float]:
 
 
 def _heights(kind: str, n: int, seed: int) -> FloatArray:
-    """Return heights (n, n) of a kind, a name in KINDS, with the rms slope SLOPE."""
+    """Return heights (n, n) of a kind of surface, with the rms slope SLOPE.
+
+    `kind` is a name in KINDS, `n` the number of points along a side, and `seed` that of
+    the random numbers.  The unit of length is the grid spacing.
+    """
     heights = KINDS[kind](n, seed)
     return np.asarray(heights * (SLOPE / rms_slope(heights, (1.0, 1.0))))
 

@@ -78,7 +78,8 @@ def where_the_theory_holds(
 def _places(hardnesses: int, loads: int) -> Iterator[tuple[float, FloatArray]]:
     """Yield each hardness of the map over E* xi, with the loads over E* xi there.
 
-    The last hardness is infinite.  Both arguments are numbers of places.
+    The last hardness is infinite.  `hardnesses` is the number of finite hardnesses, and
+    `loads` the number of loads for each hardness.
     """
     reach = validity.map_reach()
     lowest, highest = reach["p0/hardness"]
