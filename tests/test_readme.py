@@ -210,32 +210,32 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     lines = [line for text in commands for line in text.splitlines()]
     assert len(lines) <= 10
     clean, faulty = (trial_map(n, holes=n > 0)[:120, :90] for n in (0, 25))
-    told = {}
+    outputs = {}
     for name, heights in (("clean", clean), ("faulty", faulty)):
         (folder := tmp_path / name).mkdir()
         np.savetxt(folder / "joint.csv", heights.T, delimiter=";", fmt="%.5f")
         (folder / "joint.toml").write_text(case[0])
-        told[name] = run(["bash", "-ec", lines[0]], folder)
+        outputs[name] = run(["bash", "-ec", lines[0]], folder)
     for line in lines[1:]:
         assert run(["bash", "-ec", line], folder)
     assert (folder / "contact.png").stat().st_size > 10_000
     table = run([sys.executable, "-c", python[0]], folder)
     assert table.count(" Pa: 0.") == 4
     assert re.search(
-        r"heights are outliers.*: removed, at \(", " ".join(told["faulty"].split())
+        r"heights are outliers.*: removed, at \(", " ".join(outputs["faulty"].split())
     )
-    assert "outliers" not in told["clean"]
-    rows, truth = (
+    assert "outliers" not in outputs["clean"]
+    rows, true_rows = (
         json.loads((tmp_path / name / "results/joint/fast/bem.json").read_text())[
             "loads"
         ]
         for name in ("faulty", "clean")
     )
-    for row, true in zip(rows, truth, strict=True):
+    for row, true in zip(rows, true_rows, strict=True):
         area = row["total_area"]
         assert {"grid", "treatment", "hardness"} == area["parts"].keys()
-        off = abs(area["mean"] - true["total_area"]["mean"])
-        assert off < min(area["error"], 0.01 * area["mean"])
+        deviation = abs(area["mean"] - true["total_area"]["mean"])
+        assert deviation < min(area["error"], 0.01 * area["mean"])
         assert row["mean_gap"]["mean"] == pytest.approx(
             true["mean_gap"]["mean"], rel=0.01
         )

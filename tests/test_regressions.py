@@ -54,12 +54,9 @@ def test_every_change_of_a_case_or_a_solver_is_solved_again(write_case, tmp_path
         ("[load]", "[bem]\ntolerance = 1e-7\n\n[load]"),
     ):
         assert not is_reused(write_case(ONE, change), tmp_path), change
-    for _ in range(
-        2
-    ):  # of a solver that may change the second run has to solve again, too
-        assert not is_reused(
-            write_case(ONE), tmp_path, solver="bem_of_mine=epcontact.bem:solve"
-        )
+    solver = "bem_of_mine=epcontact.bem:solve"
+    for _ in range(2):  # a user's solver may change, and is not reused in a second run
+        assert not is_reused(write_case(ONE), tmp_path, solver=solver)
     assert not is_reused(write_case(ONE), tmp_path)
 
 
@@ -136,7 +133,7 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
     text = "from numba import njit\n@njit(cache=True)\ndef one(x):\n    return x + 1\n"
     (tmp_path / "fem_check" / "kernel.py").write_text(text)
     kernels = tmp_path / "kernels"
-    told = {
+    settings = {
         "NUMBA_CACHE_DIR": str(kernels),
         "PYTHONPATH": str(tmp_path),
         "OMP_NUM_THREADS": "",
@@ -144,12 +141,10 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
     for end in ("", "nbi", "nbc"):
         for path in kernels.rglob(f"*.{end}") if end else ():
             path.write_bytes(b"spoilt")
-        done = python("-c", program, cwd=tmp_path, env=os.environ | told)
-        assert (done.returncode, done.stdout, "compiles kernels" in done.stderr) == (
-            0,
-            "3\n",
-            True,
-        )
+        done = python("-c", program, cwd=tmp_path, env=os.environ | settings)
+        assert done.returncode == 0
+        assert done.stdout == "3\n"
+        assert "compiles kernels" in done.stderr
 
 
 def test_time_limit_leaves_the_compilation_of_kernels_out():
@@ -220,11 +215,9 @@ def test_processes_compile_in_turns_and_whatever_signals_come(tmp_path):
             )
             for _ in range(2)
         ]
-        said = [process.communicate(timeout=900)[0].split() for process in running]
-        for whole, real, _, seen in said:
-            assert (int(whole), float(real), seen) == (
-                3 * factor + 1,
-                3 * factor + 1,
-                b"True",
-            )
-        assert sum(int(misses) for _, _, misses, _ in said) in (2, 3)
+        outputs = [process.communicate(timeout=900)[0].split() for process in running]
+        for of_integer, of_real, _, saw_alarm in outputs:
+            assert int(of_integer) == 3 * factor + 1
+            assert float(of_real) == 3 * factor + 1
+            assert saw_alarm == b"True"
+        assert sum(int(misses) for _, _, misses, _ in outputs) in (2, 3)

@@ -25,12 +25,12 @@ def test_own_solvers_fail_nowhere_and_others_say_why(coarse):
     """The project's own methods converge at every point of the maps, with a residual of
     at most EXAMINED, and every failure of others has a reason of one line.
     """
-    own = coarse[
+    of_project = coarse[
         coarse["method"].isin(["newton", "package"]) | (coarse["map"] == "fem")
     ]
-    assert len(own) == 16 + 4 + 20 + 18
-    assert own["converged"].all()
-    assert own["residual"].max() <= EXAMINED
+    assert len(of_project) == 16 + 4 + 20 + 18
+    assert of_project["converged"].all()
+    assert of_project["residual"].max() <= EXAMINED
     # Transform pairs of the finest grid's size; 84 was the most measured at any point.
     assert coarse[coarse["method"] == "newton"]["effort"].max() < 200
     reasons = coarse[~coarse["converged"]]["reason"]
@@ -49,8 +49,8 @@ def test_neither_sum_of_the_theory_serves_everywhere(coarse):
         ("eigenfunctions", narrow, wide),
         ("images", wide, narrow),
     ):
-        own = coarse[(coarse["map"] == "theory") & (coarse["method"] == method)]
-        converged = own.groupby("y")["converged"].all()
+        of_method = coarse[(coarse["map"] == "theory") & (coarse["method"] == method)]
+        converged = of_method.groupby("y")["converged"].all()
         assert (converged[fails], converged[holds]) == (False, True)
 
 
@@ -94,10 +94,10 @@ def test_a_solver_that_fails_or_only_claims_to_converge_is_found_out(
     """
     monkeypatch.setattr(bem, "solve", lambda scene, **_: solve(scene))
     found = stability(["elastic"], methods=["newton"])
-    told = found[~found["converged"]]
-    assert len(told)
-    assert told["reason"].str.startswith(reason).all()
-    assert residual is None or (told["residual"] == residual).all()
+    failures = found[~found["converged"]]
+    assert len(failures)
+    assert failures["reason"].str.startswith(reason).all()
+    assert residual is None or (failures["residual"] == residual).all()
 
 
 def test_files_hold_every_point(coarse, tmp_path):

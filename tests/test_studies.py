@@ -172,8 +172,8 @@ def test_errors_of_finite_elements_fall():
     )
     assert shallow > deep > deepest
     assert deepest < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
-    one, two = of_kind(drawn("fem", 4), "mean gap")
-    assert two < one < 0.05
+    few_steps, many_steps = of_kind(drawn("fem", 4), "mean gap")
+    assert many_steps < few_steps < 0.05
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):
@@ -313,13 +313,13 @@ def test_a_load_takes_power_from_short_waves_and_the_theory_takes_all():
     """The fraction of the spectral power that a load leaves in each octave is 0.5 to
     0.9 with the cap; in the theory it falls from 1 to 0.
     """
-    kept = drawn("residual", 3).set_index("series")["power_kept"]
-    (cap,) = {name for name in kept.index if name.startswith("cap")}
-    (of_theory,) = {name for name in kept.index if name.startswith("theory")}
-    assert kept[cap].between(0.5, 0.9).all()
-    assert kept[of_theory].iloc[0] == pytest.approx(1, abs=1e-6)
-    assert kept[of_theory].iloc[-1] < 1e-4
-    assert np.diff(kept[of_theory]).max() < 0
+    remaining_power = drawn("residual", 3).set_index("series")["power_kept"]
+    (cap,) = {name for name in remaining_power.index if name.startswith("cap")}
+    (of_theory,) = {name for name in remaining_power.index if name.startswith("theory")}
+    assert remaining_power[cap].between(0.5, 0.9).all()
+    assert remaining_power[of_theory].iloc[0] == pytest.approx(1, abs=1e-6)
+    assert remaining_power[of_theory].iloc[-1] < 1e-4
+    assert np.diff(remaining_power[of_theory]).max() < 0
 
 
 def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():

@@ -262,9 +262,9 @@ def test_heights_without_a_recipe_are_identified_by_their_bytes():
     """Two surfaces with different heights and without recipes have different
     fingerprints.
     """
-    one = Surface(np.eye(3), (1.0, 1.0))
-    other = Surface(2 * np.eye(3), (1, 1))
-    assert one.fingerprint != other.fingerprint
+    surface = Surface(np.eye(3), (1.0, 1.0))
+    twice_as_high = Surface(2 * np.eye(3), (1, 1))
+    assert surface.fingerprint != twice_as_high.fingerprint
 
 
 def test_equal_numbers_read_equal():

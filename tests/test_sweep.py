@@ -120,8 +120,8 @@ def test_each_row_is_the_solve_at_its_point(swept, tmp_path):
             scene.material, hardness=row["material.hardness"], poisson_ratio=row[NU]
         )
         load = replace(scene.load, mean_pressure=row["load.mean_pressure"])
-        at = replace(scene, material=material, load=load)
-        areas = persson.solve(at, energy_reduction=0.536).final.areas
+        scene_of_row = replace(scene, material=material, load=load)
+        areas = persson.solve(scene_of_row, energy_reduction=0.536).final.areas
         assert row["area.plastic.corrected"] == areas["corrected"].plastic
     assert found["solved"].tolist() == [True] * 12
     assert (
@@ -144,19 +144,25 @@ def test_a_stopped_sweep_goes_on_and_ends_like_that_of_another_executor(
 
     path = swept()
     folder = tmp_path / "small" / "fast"
-    far = Elsewhere(tmp_path / "far")
-    whole = sweep.run_sweep(path, output=tmp_path / "whole", executor=lambda: far)
-    assert not list(far.folder.iterdir())
+    executor = Elsewhere(tmp_path / "far")
+    unbroken = sweep.run_sweep(
+        path, output=tmp_path / "whole", executor=lambda: executor
+    )
+    assert not list(executor.folder.iterdir())
     with pytest.raises(KeyboardInterrupt):
         sweep.run_sweep(path, output=tmp_path, jobs=1, progress=stopped)
-    part = sweep.table(folder)
-    assert list(part["solved"]) == [True] * 3 + [False] * 3
-    assert list(part["area.total.raw"].isna()) == [False] * 3 + [True] * 3
-    found = sweep.run_sweep(path, output=tmp_path, jobs=1)
-    assert found.reused == 3
-    assert sweep.digest(found.table) == sweep.digest(whole.table) != sweep.digest(part)
+    partial_table = sweep.table(folder)
+    assert list(partial_table["solved"]) == [True] * 3 + [False] * 3
+    assert list(partial_table["area.total.raw"].isna()) == [False] * 3 + [True] * 3
+    resumed = sweep.run_sweep(path, output=tmp_path, jobs=1)
+    assert resumed.reused == 3
+    assert (
+        sweep.digest(resumed.table)
+        == sweep.digest(unbroken.table)
+        != sweep.digest(partial_table)
+    )
     read = pd.read_csv(folder / "sweep.csv", dtype=str)["area.total.raw"].astype(float)
-    np.testing.assert_array_equal(read, found.table["area.total.raw"])
+    np.testing.assert_array_equal(read, resumed.table["area.total.raw"])
 
 
 def test_results_belong_to_their_points(swept, tmp_path):
@@ -166,16 +172,16 @@ def test_results_belong_to_their_points(swept, tmp_path):
     path = swept()
     sweep.run_sweep(path, output=tmp_path, jobs=1)
     path.write_text(path.read_text().replace("[2e8, 4e8]", "[1e8, 4e8]"))
-    more = sweep.run_sweep(path, output=tmp_path, jobs=1)
-    assert (more.reused, len(more.table)) == (3, 6)
+    other_loads = sweep.run_sweep(path, output=tmp_path, jobs=1)
+    assert (other_loads.reused, len(other_loads.table)) == (3, 6)
     path.write_text(path.read_text().replace("rms_slope = 0.1", "rms_slope = 0.2"))
-    before = (more.folder / "sweep.json").read_bytes()
+    before = (other_loads.folder / "sweep.json").read_bytes()
     with pytest.raises(InvalidCase, match="not a concurrent"):
         sweep.run_sweep(path, output=tmp_path, executor="os:getpid")
-    assert (more.folder / "sweep.json").read_bytes() == before
+    assert (other_loads.folder / "sweep.json").read_bytes() == before
     steep = sweep.run_sweep(path, output=tmp_path, jobs=1)
     assert steep.reused == 0
-    assert (steep.table["area.total.raw"] < more.table["area.total.raw"]).all()
+    assert (steep.table["area.total.raw"] < other_loads.table["area.total.raw"]).all()
 
 
 def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
@@ -193,8 +199,10 @@ def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
     assert list(patches.isna()) == [True, False, False]
     assert patches[1] != patches[2]
     assert "quantity.conductance" not in found.table  # a column without any value
-    said = [f.read_text("utf-8") for f in (found.folder / "members").glob("bem-*.json")]
-    assert all("no value: quantity.conductance: Barber's analogy" in s for s in said)
+    results = [
+        f.read_text("utf-8") for f in (found.folder / "members").glob("bem-*.json")
+    ]
+    assert all("no value: quantity.conductance: Barber's analogy" in s for s in results)
 
 
 def test_failed_tasks_are_said_and_tried_again(swept, tmp_path, monkeypatch):
@@ -304,7 +312,7 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
     path = swept(MANY, ONE)
     output = tmp_path / "killed"
     moments = random.Random(7)
-    whole = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
+    unbroken = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
     solved = []
     command = [
         sys.executable,
@@ -331,9 +339,9 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
         solved.append(int(sweep.table(output / "small" / "fast")["solved"].sum()))
     assert solved == sorted(solved)
     assert solved[0] < len(
-        whole.table
+        unbroken.table
     )  # a quiet machine may be done before the tenth kill
     assert solved[-1] >= 10
-    found = sweep.run_sweep(path, output=output, jobs=2)
-    assert found.reused == solved[-1]
-    assert sweep.digest(found.table) == sweep.digest(whole.table)
+    resumed = sweep.run_sweep(path, output=output, jobs=2)
+    assert resumed.reused == solved[-1]
+    assert sweep.digest(resumed.table) == sweep.digest(unbroken.table)

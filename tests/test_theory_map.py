@@ -49,17 +49,21 @@ def test_at_its_places_the_map_has_the_errors_that_were_measured():
     """The intervals of eight surfaces hold 90 to 99.9 % of the errors that were
     measured at the map's places.
     """
-    known = validity.theory_map()
+    error_map = validity.theory_map()
     held = []
-    for k in range(known["load"].size):
-        place = {name: float(known[name][k]) for name in ("hurst", "roll_off")}
-        capped = math.isfinite(known["hardness"][k])
-        load = known["load"][k] * (known["hardness"][k] if capped else 1.0)
-        hardness = float(known["hardness"][k])
-        wide = known["wavelength_ratio"][k]
+    for index in range(error_map["load"].size):
+        place = {name: float(error_map[name][index]) for name in ("hurst", "roll_off")}
+        capped = math.isfinite(error_map["hardness"][index])
+        load = error_map["load"][index] * (
+            error_map["hardness"][index] if capped else 1.0
+        )
+        hardness = float(error_map["hardness"][index])
+        wide = error_map["wavelength_ratio"][index]
         found = expected(hardness, load, 8, wide=wide, **place)
         for name in ("total", "elastic", "plastic", "mean_gap"):
-            if name in found and not math.isnan(measured := known[f"{name}_theory"][k]):
+            if name in found and not math.isnan(
+                measured := error_map[f"{name}_theory"][index]
+            ):
                 held.append(
                     found[name].low - 1e-3 <= measured <= found[name].high + 1e-3
                 )
@@ -89,9 +93,9 @@ def test_more_surfaces_and_larger_ones_scatter_less():
         """Return the width of the interval of an expected error."""
         return error.high - error.low
 
-    one, eight = (expected(surfaces=n)["total"] for n in (1, 8))
-    assert width(eight) < 0.7 * width(one)
-    assert eight.middle == one.middle
+    one_surface, eight_surfaces = (expected(surfaces=n)["total"] for n in (1, 8))
+    assert width(eight_surfaces) < 0.7 * width(one_surface)
+    assert eight_surfaces.middle == one_surface.middle
     wave_by_wave = expected(wide=16.0, roll_off=1.0)["total"]
     assert width(expected(wide=64.0, roll_off=4.0)["total"]) < 0.8 * width(wave_by_wave)
 
@@ -156,8 +160,8 @@ def test_a_gap_is_told_only_where_the_map_has_one_of_its_kind(
     found = expected(hardness, load, wide=wide)
     assert ("mean_gap" in found) is known
     assert "total" in found
-    told = validity.expectation(theory(hardness, wide=wide), load * 0.1 * MODULUS)
-    assert told.endswith("elements)" if known else "; not resolved: gap")
+    note = validity.expectation(theory(hardness, wide=wide), load * 0.1 * MODULUS)
+    assert note.endswith("elements)" if known else "; not resolved: gap")
 
 
 def test_where_nothing_flows_total_and_elastic_area_are_off_alike():

@@ -256,23 +256,28 @@ def test_no_quantity_is_without_a_value():
         name.split(" ")
         for name in read_values(RELEASE_VALUES).dropna(subset="low")["name"].unique()
     ]
-    known = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
-    known |= {name for _, values in CASES for name in values}
+    tested = {quantity for quantity, *_, against, _ in gates if against not in METHODS}
+    tested |= {name for _, values in CASES for name in values}
     for found in (posts()[1], strain()[1]):  # judged by their sums and their tolerance
         counted = ("residual.", "iterations.", "cost.")
-        known |= {name for name in scalar_quantities(found) if name.startswith(counted)}
-    known.add("field.heights")  # by test_shown
-    known.add("quantity.flowed_share")  # by test_bem_areas
-    known.add("quantity.hardness")  # by test_loads
+        tested |= {
+            name for name in scalar_quantities(found) if name.startswith(counted)
+        }
+    tested.add("field.heights")  # by test_shown
+    tested.add("quantity.flowed_share")  # by test_bem_areas
+    tested.add("quantity.hardness")  # by test_loads
     # The gates of every case compute these from the pressures once more.
-    known.add("field.displacement")
-    known |= {"quantity.mean_plastic_displacement", "quantity.mean_separation"}
-    known |= {"quantity.filled_contact", "quantity.filled_load"}  # by test_filled
-    known |= {f"area.{part}.error" for part in ("total", "elastic", "plastic")}
-    known |= {
-        name for name in QUANTITIES if name.rpartition(".")[0] in known
+    tested.add("field.displacement")
+    tested |= {"quantity.mean_plastic_displacement", "quantity.mean_separation"}
+    tested |= {"quantity.filled_contact", "quantity.filled_load"}  # by test_filled
+    tested |= {f"area.{part}.error" for part in ("total", "elastic", "plastic")}
+    tested |= {
+        name for name in QUANTITIES if name.rpartition(".")[0] in tested
     }  # of a known limit
-    own = ("mean_gap_error_by_grid", *(f"{kind}_conductance" for kind in CONDUCTING))
-    for name in own:  # by test_loads
-        known |= {f"quantity.{name}", f"quantity.{name}.error"}
-    assert sorted(QUANTITIES.keys() - known) == []
+    of_loads = (
+        "mean_gap_error_by_grid",
+        *(f"{kind}_conductance" for kind in CONDUCTING),
+    )
+    for name in of_loads:  # by test_loads
+        tested |= {f"quantity.{name}", f"quantity.{name}.error"}
+    assert sorted(QUANTITIES.keys() - tested) == []

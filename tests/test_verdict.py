@@ -565,8 +565,8 @@ def written(tmp_path_factory):
     """
     folder = tmp_path_factory.mktemp("written")
     gamma = "energy_reduction = 0.536"
-    own = conftest.SMALL_CASE.replace(gamma, f'{gamma}\nspectrum = "surface"')
-    (folder / "small.toml").write_text(own + MORE_GATES)
+    text = conftest.SMALL_CASE.replace(gamma, f'{gamma}\nspectrum = "surface"')
+    (folder / "small.toml").write_text(text + MORE_GATES)
     verify(folder / "small.toml", jobs=1, output=folder)
     return folder
 
@@ -601,7 +601,7 @@ def test_a_damaged_file_is_one_sentence(written, tmp_path):
     """
     folder = Path(shutil.copytree(written, tmp_path / "out"))
     for path in (folder / JSON, folder / BEM):
-        whole = path.read_bytes()
+        intact = path.read_bytes()
         for content in (
             b"",
             b"{",
@@ -611,14 +611,14 @@ def test_a_damaged_file_is_one_sentence(written, tmp_path):
             b'{"digest": 1}',
             b"\xff",
             9999 * b"[",
-            whole[:-9],
-            whole.replace(b'"case', b'"cace'),
-            whole.replace(b"0.1", b"0.2", 1),
+            intact[:-9],
+            intact.replace(b'"case', b'"cace'),
+            intact.replace(b"0.1", b"0.2", 1),
         ):
-            assert content != whole
+            assert content != intact
             path.write_bytes(content)
             done = invoke("report", folder)
             assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
             assert "was changed, moved or" in done.stderr
-        path.write_bytes(whole)
+        path.write_bytes(intact)
     assert invoke("report", folder).returncode == 0
