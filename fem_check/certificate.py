@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from skfem import Basis, ElementHex1, LinearForm, MeshHex
 
@@ -54,6 +56,16 @@ def certify(
     }
 
 
+def _work_density(v: Any, w: Any) -> Any:
+    """Return one row of the stress tensor times the gradient of a test function.
+
+    Args:
+        v: test function of scikit-fem, with its gradient in 1/m.
+        w: parameters of the form: the row's three stresses x_, y_ and z_, in Pa.
+    """
+    return w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2]
+
+
 def _layer_force(
     block: PeriodicBlock, positions: FloatArray, stress: FloatArray
 ) -> FloatArray:
@@ -82,9 +94,7 @@ def _layer_force(
     corners = [number[1 - z, x : nx + x, y : ny + y].ravel() for x, y, z in CORNERS]
     mesh = MeshHex(points, np.stack(corners), validate=False, sort_t=False)
     basis = Basis(mesh, ElementHex1(), intorder=2)
-    form = LinearForm(
-        lambda v, w: w["x_"] * v.grad[0] + w["y_"] * v.grad[1] + w["z_"] * v.grad[2]
-    )
+    form = LinearForm(_work_density)
     force = np.zeros((2, nx, ny, 3))
     for component in range(3):
         x, y, z = stress[:, _ROWS[component]].swapaxes(0, 1)

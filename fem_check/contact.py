@@ -384,4 +384,8 @@ def rigid_contact(
             exact = bool(difference <= 1e-12 * np.abs(solved).max())
             if exact:
                 forces = solved
-    raise NotConverged("the elastic contact did not settle", history=changes)
+    raise NotConverged(
+        f"the contact of the elastic body did not converge: after {MAX_STEPS} Newton "
+        "steps, nodes still change between contact and gap",
+        history=changes,
+    )

@@ -163,8 +163,9 @@ def _require_certificate(certificate: dict[str, float], tolerance: float) -> Non
     balance = certificate["certified_balance"]
     if balance > max(10 * tolerance, 1e-12):
         raise NotConverged(
-            "scikit-fem's assembly does not confirm the converged state: its internal "
-            f"force misses the contact forces by {balance:.1e}",
+            "scikit-fem does not confirm the converged state: the internal force that "
+            "it assembles differs from the contact forces by the fraction "
+            f"{balance:.1e}",
             residuals=certificate,
         )
 

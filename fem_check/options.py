@@ -127,8 +127,8 @@ class FemOptions:
         for law, strength in (("j2", "yield_stress"), ("capped", "hardness")):
             if self.law == law and not math.isfinite(getattr(scene.material, strength)):
                 raise InvalidScene(
-                    f"law {law} needs a finite {strength}; give one or take "
-                    "law='elastic'"
+                    f"law {law!r} needs a finite {strength}; give {strength!r} in Pa "
+                    "or take law='elastic'"
                 )
 
 

@@ -49,7 +49,7 @@ TOKENS = {
     "epcontact.scene": 3_096,
     "epcontact.studies": 22_428,
     "epcontact.surfaces": 12_805,
-    "fem_check": 28_443,
+    "fem_check": 28_457,
     "lines of saved screens": 636,
     "tests": 135_751,
     "tests/laboratory": 26_326,

@@ -193,7 +193,7 @@ def test_methods_surfaces_and_measured_quantities(swept, tmp_path):
     layer = ("[load]", '[body]\nkind = "bonded_layer"\ndepth = 1e-3\n\n[load]')
     found = sweep.run_sweep(swept(text, ONE, layer), output=tmp_path, jobs=1)
     (failure,) = found.failures.values()  # of the theory, which knows no layer
-    assert "the theory here is that of the half-space" in failure
+    assert "Persson's theory is that of a half-space" in failure
     assert list(found.table["seed"].fillna(0)) == [0, 1, 2]
     patches = found.table["quantity.total_patches"]
     assert list(patches.isna()) == [True, False, False]

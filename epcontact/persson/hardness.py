@@ -251,7 +251,8 @@ def _nodes(
         return samples[:0]
     if G[first] == 0:
         raise InvalidScene(
-            "the roughness at magnification 1 is too much for the theory to start"
+            "the first band of roughness at magnification 1 already reaches the "
+            "hardness, where the theory cannot start; lower the mean pressure"
         )
     spread = np.log(G[first:]) + 2 * np.log(Y[first:])
     equal_steps = np.linspace(spread[0], spread[-1], steps + 1)
@@ -348,8 +349,8 @@ def start(
     needed = _CELLS_PER_WIDTH * hardness / math.sqrt(diffusion)
     if cells < needed:
         raise InvalidScene(
-            f"{cells} cells do not resolve the pressures where flow begins; "
-            f"{needed:.0f} do"
+            f"{cells} cells do not resolve the pressures where flow begins; at least "
+            f"{needed:.0f} cells are needed"
         )
     ends = np.linspace(0, hardness, cells + 1)
     cumulative = pressure_cumulative(ends, diffusion, mean_pressure)

@@ -255,6 +255,6 @@ def _newton(
         if np.all(change <= 1e-14 * scale):
             return np.asarray(x)
     raise NotConverged(
-        "the reduction of elastic energy did not settle in 100 Newton steps",
+        "Newton's method did not find the theory's diffusion in 100 steps",
         residuals={"diffusion": float(np.max(change / scale))},
     )

@@ -177,7 +177,7 @@ class Theory:
         require_kind("scene", scene, Scene)
         if scene.body.kind != "half_space":
             raise InvalidScene(
-                f"the body is a {scene.body.kind}, but the theory here is that of the "
+                f"the body is a {scene.body.kind}, but Persson's theory is that of a "
                 "half-space"
             )
         check_loading(scene.material, scene.load)

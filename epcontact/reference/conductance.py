@@ -255,8 +255,8 @@ def _refuse_outside(load: float, hardness: float, *breadths: float) -> None:
         if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
             raise InvalidScene(
                 f"{name} is {value:.3g}, but the formula of the conductance was "
-                f"judged from {low:g} to {high:g}; solve a case with a gate on "
-                "quantity.conductance"
+                f"tested only from {low:g} to {high:g}; solve a case with a gate on "
+                "`quantity.conductance`"
             )
 
 
