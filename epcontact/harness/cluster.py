@@ -23,9 +23,14 @@ _VARIABLE = "DASK_SCHEDULER_ADDRESS"
 
 
 def dask() -> Executor:
-    """Return an executor on the cluster of the scheduler that the environment names.
-    Its `worker_memory` is the memory, in bytes, of the largest worker that there is
-    now; infinite where that is not known.
+    """Return an executor on a Dask cluster.
+
+    The environment variable DASK_SCHEDULER_ADDRESS names the scheduler of the cluster.
+    The attribute `worker_memory` of the executor is the memory of the present largest
+    worker, in bytes; it is infinite if a worker has no limit.
+
+    Raises InvalidCase if Dask is not installed, if the variable is not set, or if no
+    scheduler answers within 30 s.
     """
     try:
         from distributed import Client
@@ -36,9 +41,10 @@ def dask() -> Executor:
         ) from None
 
     class Dask(ClientExecutor):  # type: ignore[misc]
-        """Closes its client, too, when it is shut down."""
+        """An executor that leaves the cluster when it is shut down."""
 
         def shutdown(self, wait: bool = True, **_: object) -> None:
+            """End this executor, after its running calls if `wait`, and disconnect."""
             super().shutdown(wait)
             self._client.close()
 
@@ -53,8 +59,7 @@ def dask() -> Executor:
         raise InvalidCase(f"{_VARIABLE} is {address}, {reason}") from None
     executor = Dask(client, pure=False)
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
-    executor.worker_memory = max(
-        (w["memory_limit"] or math.inf for w in workers), default=math.inf
-    )
-    found: Executor = executor
-    return found
+    limits = [worker["memory_limit"] or math.inf for worker in workers]
+    executor.worker_memory = max(limits, default=math.inf)
+    typed_executor: Executor = executor
+    return typed_executor

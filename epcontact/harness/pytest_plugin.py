@@ -21,7 +21,9 @@ _SIZES = ("fast", "full", "large")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the setting epcontact_cases and the options --case-size and --case-output."""
+    """Add to pytest the setting `epcontact_cases` (patterns of case files) and the
+    options `--case-size` and `--case-output`.
+    """
     parser.addini(
         "epcontact_cases",
         "patterns of the case files that epcontact collects, such as *.case.toml",
@@ -40,13 +42,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collect_file(
     file_path: Path, parent: pytest.Collector
 ) -> pytest.Collector | None:
-    """Collect the files that the setting epcontact_cases names."""
-    if not any(
-        file_path.match(pattern) for pattern in parent.config.getini("epcontact_cases")
-    ):
+    """Return the collector of a case file, for pytest.
+
+    Returns None for a file that no pattern of the setting `epcontact_cases` matches.
+    """
+    patterns = parent.config.getini("epcontact_cases")
+    if not any(file_path.match(pattern) for pattern in patterns):
         return None
-    from epcontact.harness.verdict.pytest_cases import (
-        CaseModule,
-    )  # brings the solvers with it
+    # This import loads the solvers.
+    from epcontact.harness.verdict.pytest_cases import CaseModule
 
     return CaseModule.from_parent(parent, path=file_path)

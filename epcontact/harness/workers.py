@@ -44,8 +44,9 @@ _STARTING = threading.RLock()
 
 
 class WorkerDied(EpcontactError):
-    """A process gave no answer: it ended, was ended, or its function raised; the
-    message says how, after the words "its process".
+    """A process returned no result: it ended, was ended, or its function raised.
+
+    The message completes a sentence that begins with "its process".
     """
 
 
@@ -56,6 +57,7 @@ class Worker:
     """
 
     def __init__(self) -> None:
+        """Create a worker without a process, which the first call starts."""
         self._process: Any = None
         self._pipe: Any = None
         self._calling = threading.Lock()
@@ -71,7 +73,7 @@ class Worker:
             limit: seconds after which the process is ended.
 
         Raises:
-            WorkerDied: if there is no result.
+            WorkerDied: if the function raises, if the process ends, or after the limit.
         """
         with self._calling:
             if self._process is None or not self._process.is_alive():
@@ -101,6 +103,7 @@ class Worker:
         self._stop()
 
     def _start(self) -> None:
+        """Start the process of this worker, after the end of an earlier one."""
         self._stop()
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
@@ -114,9 +117,10 @@ class Worker:
         other_end.close()
 
     def _stop(self, patience: float = 0.0) -> int | None:
-        """End the process.
+        """End the process of this worker, with all processes that it has started.
 
-        Returns its exit code if it ends by itself within `patience` seconds; else None.
+        Returns its exit code if it ends by itself within `patience` seconds; None if it
+        has to be killed, or if there is no process.
         """
         process, self._process = self._process, None
         if process is None:
@@ -130,11 +134,12 @@ class Worker:
 
 @contextlib.contextmanager
 def _isolated_start() -> Iterator[None]:
-    """Keep the processes that start in the block from two things of this process.
+    """Isolate processes that start in the `with` block from this one's script and
+    interrupts.
 
-    The script of the caller: it would run again if it has no `if __name__ ==
-    "__main__"`.  And Ctrl-C: the terminal sends it to all processes, and this one ends
-    the others itself.
+    Without this, a new process would run the script of the caller again, if that has no
+    `if __name__ == "__main__"`.  It would also receive Ctrl-C, which the terminal sends
+    to all processes; this process ends the others itself.
     """
     can_block = hasattr(signal, "pthread_sigmask")
     with _STARTING:
@@ -152,17 +157,20 @@ def _isolated_start() -> Iterator[None]:
 
 
 def kill_tree(pid: int) -> None:
-    """Kill a process and all that it started, also in other sessions; wait until they
-    have ended.
+    """Kill a process and all processes that it has started, also in other sessions.
+
+    Waits until they have ended, for 5 s at most.  `pid` is the id of the process; if it
+    has ended already, nothing happens.
     """
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         processes = [*process.children(recursive=True), process]
-        for each in processes:
+        for child_or_self in processes:
             with contextlib.suppress(psutil.NoSuchProcess):
-                each.kill()
+                child_or_self.kill()
+        pids = [killed.pid for killed in processes]
         end = time.monotonic() + _PATIENCE
-        while any(alive(each.pid) for each in processes) and time.monotonic() < end:
+        while any(map(alive, pids)) and time.monotonic() < end:
             time.sleep(0.001)
 
 
@@ -170,7 +178,12 @@ def kill_tree(pid: int) -> None:
 
 
 def _serve(pipe: Connection) -> None:
-    """Answer the calls of the parent until it closes the pipe or ends."""
+    """Run in a worker's process: answer the calls of the parent process.
+
+    Each call is two messages in the pipe: the parent's `sys.path`, then the pickled
+    function with its arguments.  It returns when the parent closes the pipe, and the
+    process is killed when the parent ends.
+    """
     if hasattr(os, "setsid"):
         os.setsid()  # signals to the group of the parent are not for this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -185,7 +198,12 @@ def _serve(pipe: Connection) -> None:
 
 
 def _answer(request: bytes) -> bytes:
-    """Return, pickled, True and the result of a call; or False and why it has none."""
+    """Call a function and return a pickled pair.
+
+    The pair is True and the result of the call; or, after any exception, False and a
+    sentence that says what was raised.  `request` is the pickled pair of the function
+    and its arguments.
+    """
     try:
         function, arguments = pickle.loads(request)
         return pickle.dumps((True, function(*arguments)))
@@ -195,6 +213,7 @@ def _answer(request: bytes) -> bytes:
 
 
 def _end_with_parent() -> None:
+    """Wait for the end of the parent process, then kill this one and its children."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
@@ -208,6 +227,7 @@ class WorkerPool(ThreadPoolExecutor):
     """Workers as an executor: each of its threads waits for the calls of a worker."""
 
     def __init__(self, count: int) -> None:
+        """Create an executor with a number of workers, whose processes start later."""
         super().__init__(count)
         self._workers = [Worker() for _ in range(count)]
         self._idle = list(self._workers)
@@ -215,10 +235,15 @@ class WorkerPool(ThreadPoolExecutor):
     def submit(
         self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
     ) -> Future[Any]:
-        """Have a worker call `fn`, a function at module level."""
+        """Return the future of fn(*args, **kwargs), which one of the workers will call.
+
+        `fn` is a function at module level.  The future raises WorkerDied if the call
+        has no result.
+        """
         return super().submit(self._call, fn, *args, **kwargs)
 
     def _call(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Return function(*arguments), called by an idle worker.  Raises WorkerDied."""
         worker = self._idle.pop()
         try:
             return worker.call(function, *arguments)
@@ -226,7 +251,12 @@ class WorkerPool(ThreadPoolExecutor):
             self._idle.append(worker)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers: at once, or (wait=True) after their calls."""
+        """End the workers of this executor.
+
+        Args:
+            wait: end them after their present calls; False: at once.
+            cancel_futures: drop the calls that have not begun.
+        """
         super().shutdown(wait, cancel_futures=cancel_futures)
         for worker in self._workers:
             worker.end()
@@ -238,7 +268,11 @@ _IDLE: list[Worker] = []
 
 
 def call_in_process(function: Callable[..., Result], *arguments: Any) -> Result | str:
-    """Return function(*arguments), called in a process, or a sentence on its death."""
+    """Return function(*arguments), called in another process.
+
+    Returns a sentence if there is no result, because the process ended or the function
+    raised.  `function` is at module level.
+    """
     worker = _IDLE.pop() if _IDLE else Worker()
     try:
         return worker.call(function, *arguments)
@@ -284,6 +318,14 @@ def spread(
     """Yield (item, function(item)) as the calls finish, then shut the executor down.
 
     If a call fails, the sentence that says why takes the place of its result.
+
+    Args:
+        function: a function of one item, at module level.
+        items: the items; the order of the results may differ.
+        executor: makes the calls.
+
+    Raises:
+        EpcontactError: if the executor takes no task or cannot be shut down.
     """
     running: dict[Future[Result], Item] = {}
     finished = SimpleQueue[Future[Result]]()
@@ -312,6 +354,10 @@ def spread(
 def _submit(
     executor: Executor, function: Callable[[Item], Result], item: Item
 ) -> Future[Result]:
+    """Return the future of function(item), which an executor will call.
+
+    Raises EpcontactError if the executor raises, such as after a lost connection.
+    """
     try:
         return executor.submit(function, item)
     except Exception as error:
@@ -320,6 +366,7 @@ def _submit(
 
 
 def _result_of(future: Future[Result]) -> Result | str:
+    """Wait for a call and return its result, or a sentence that says why it failed."""
     try:
         return future.result()
     except WorkerDied as error:

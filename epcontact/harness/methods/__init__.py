@@ -1,4 +1,4 @@
-"""Methods: every way to answer a scene."""
+"""Methods: every way to solve a scene."""
 
 from epcontact.machine import provide_kernel_cache
 

@@ -1,7 +1,7 @@
 """An adapter: a solver of a scene's last load becomes a method for a load path.
 
-Solvers from outside the package give a pressure field, which is that of one load.  Of a
-path they are asked for each load in turn, as the last one of a scene.
+Solvers from outside the package return the pressure field of a single load.  For a
+path, the adapter calls them for each load in turn, with a scene that ends there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from epcontact.results import ContactResult, FloatArray, LoadStep
 from epcontact.scene import Load, Scene
 
 #: Returns the result at the last load of a scene.  The second argument is how far the
-#: load before has left the surface lowered, in m; None: by nothing, or not known.
+#: earlier loads have lowered the surface by flow, in m on the grid; None: by nothing,
+#: or unknown.
 SolveLast = Callable[[Scene, FloatArray | None], ContactResult]
 #: Called after each load with the result so far; its fields are those of this load.
 OnLoad = Callable[[ContactResult], None]
@@ -31,7 +32,7 @@ def solve_load_by_load(
         on_load: see `OnLoad`.
 
     Raises:
-        NotConverged: if the solver says so of its result.
+        NotConverged: if the solver reports that it has not converged.
     """
     path = scene.load.path
     steps: tuple[LoadStep, ...] = ()
@@ -54,7 +55,12 @@ def solve_load_by_load(
 
 
 def total_cost(costs: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Return the cost of several solves: sums; of unknowns and memory the largest."""
+    """Return the cost of several solves after each other, by the name of the cost.
+
+    Each cost is summed, but of the unknowns and of the peak memory (bytes) the largest
+    value counts.  The names are those of the first solve; a cost that another solve
+    lacks counts as 0 there.
+    """
     total = {}
     for name in costs[0]:
         values = [cost.get(name, 0.0) for cost in costs]

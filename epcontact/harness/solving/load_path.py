@@ -1,9 +1,9 @@
-"""A load path, solved: each load with its own hardness.
+"""Solve a load path, each load with its hardness.
 
-An effective hardness depends on the load.  While a load grows, the capped problem has
-no memory: each load beyond all before it is solved on the surface as it was made, with
-its own hardness.  Smaller loads after it meet what it has left behind, and keep its
-hardness.
+An effective hardness depends on the load.  While the load grows, the problem with a
+pressure cap has no memory: a load above all earlier ones is solved on the original
+surface, with the hardness of this load.  A smaller load after it is solved on the
+surface that the larger load has lowered, and with the hardness of that larger load.
 """
 
 from __future__ import annotations
@@ -79,17 +79,23 @@ def solve_path(
 
 
 def _with_hardness(step: LoadStep, hardness: float) -> LoadStep:
+    """Return the load step with the quantity "hardness" (Pa) at which it was solved.
+
+    An infinite hardness is that of an elastic body; then the step is unchanged.
+    """
     if math.isinf(hardness):
         return step
     return replace(step, quantities={**step.quantities, "hardness": hardness})
 
 
 def _with_conductances(step: LoadStep, factors: dict[str, float]) -> LoadStep:
-    """Return a step with its thermal and electrical conductance and their errors.
+    """Return a load step with its thermal and electrical conductance and their errors.
 
     Args:
-        step: has the conductance times the resistivities of both bodies, in 1/m.
-        factors: see `Case.conductances`.
+        step: its quantities "conductance..." are those times the sum of the
+            resistivities of both bodies, in 1/m.
+        factors: for "thermal" and "electrical", if known, the factor from 1/m to
+            W/(m² K) or S/m².
     """
     quantities = dict(step.quantities)
     for kind, factor in factors.items():
@@ -114,6 +120,16 @@ def _with_hardness_errors(
     The path is solved with both ends of the 95 % interval of each hardness.  The lower
     end is at least a little above the largest load so far: no smaller hardness could
     carry it.
+
+    Args:
+        task: the method and its options.
+        scene: the scene with its complete load path.
+        mapped: the effective hardness of each load, with its interval (Pa).
+        threads: the number of threads that the method may use.
+        steps: the solved load steps.
+
+    Raises:
+        NotConverged: if a solve at an end of the intervals does not converge.
     """
     peaks = itertools.accumulate(scene.load.path, max)
     lowest = [
@@ -139,6 +155,16 @@ def with_hardness_error(
 
     The same load was solved with both ends of the 95 % interval of the hardness.  The
     error of each area and quantity is half the difference of these two solutions.
+
+    Args:
+        step: the load step at the hardness itself.
+        at_lowest_hardness: the same load with the lower end of the interval.
+        at_highest_hardness: the same load with the upper end.
+        hardness: the hardness (Pa) with its relative error.
+
+    Returns:
+        A copy of `step` with areas "hardness_error", a quantity "..._error_by_hardness"
+        for each measured quantity, and "hardness_error_by_map" in Pa.
     """
     kind = "corrected" if "corrected" in step.areas else "raw"
     lowest = at_lowest_hardness.areas[kind]
@@ -153,8 +179,9 @@ def with_hardness_error(
     low, high = at_lowest_hardness.quantities, at_highest_hardness.quantities
     measured = (name.removeprefix("quantity.") for name in QUANTITIES_OF_EACH_LOAD)
     for name in ("mean_gap", *measured):
-        is_value = not name.endswith(".error")
-        if is_value and all(name in known for known in (step.quantities, low, high)):
+        if name.endswith(".error"):
+            continue
+        if name in step.quantities and name in low and name in high:
             error = abs(low[name] - high[name]) / 2
             quantities[f"{name}_error_by_hardness"] = error
     areas = {**step.areas, "hardness_error": area_error}
@@ -173,10 +200,22 @@ def _solve_with_hardnesses(
     on_progress: OnProgress | None = None,
     for_error: bool = False,
 ) -> ContactResult:
-    """Solve a path on which each load has its hardness (Pa).
+    """Solve a path on which each load has its hardness.
 
-    Loads that follow each other with one hardness are solved together.  `for_error`:
-    the result is used for an error alone, so that a coarse one is enough.
+    Loads that follow each other with the same hardness are solved together.
+
+    Args:
+        task: the method, its options, and what is measured and written.
+        scene: the scene with its complete load path.
+        hardnesses: the hardness of each load, in Pa.
+        threads: the number of threads that the method may use.
+        on_progress: see `OnProgress`.
+        for_error: whether the result is used for an error estimate alone, so that a
+            coarse solution is enough.
+
+    Raises:
+        InvalidCase: if the hardness changes along the path of the finite elements.
+        NotConverged: if a solve does not converge.
     """
     path = scene.load.path
     steps: list[LoadStep] = []
@@ -185,8 +224,8 @@ def _solve_with_hardnesses(
     for hardness, group in itertools.groupby(pairs, key=lambda pair: pair[0]):
         loads = tuple(load for _, load in group)
         material = replace(scene.material, hardness=hardness)
-        part = replace(scene, material=material, load=Load(loads))
-        if part.load != scene.load and task.method.load_files == "bodies":
+        part_of_path = replace(scene, material=material, load=Load(loads))
+        if part_of_path.load != scene.load and task.method.load_files == "bodies":
             raise InvalidCase(
                 "hardness is 'effective' and differs from load to load, but fem "
                 "follows a path with one; give one load, a hardness in Pa, or a sweep "
@@ -194,7 +233,7 @@ def _solve_with_hardnesses(
             )
         result = _solve_part(
             task,
-            part,
+            part_of_path,
             threads,
             earlier=tuple(steps),
             on_progress=_within(on_progress, len(steps), len(loads), len(path)),
@@ -210,16 +249,20 @@ def _solve_with_hardnesses(
 def _within(
     on_progress: OnProgress | None, done: int, count: int, total: int
 ) -> OnProgress | None:
-    """Return the function that reports the progress of a part of a path.
+    """Return the function that reports the progress of one part of a load path.
 
     Args:
-        on_progress: is called with the fraction of the complete path.
-        done, count, total: numbers of loads before the part, in it, and of the path.
+        on_progress: is called with the solved fraction of the complete path; None: the
+            return value is None, too.
+        done: number of loads of the path before this part.
+        count: number of loads in this part.
+        total: number of loads of the complete path.
     """
     if on_progress is None:
         return None
 
     def report(fraction: float, sentence: str) -> None:
+        """Report the solved fraction of the part as that of the complete path."""
         on_progress((done + fraction * count) / total, sentence)
 
     return report
@@ -233,7 +276,19 @@ def _solve_part(
     on_progress: OnProgress | None,
     for_error: bool,
 ) -> ContactResult:
-    """Solve loads with one hardness, after those of the steps `earlier`."""
+    """Solve those loads of a path that have the same hardness.
+
+    Args:
+        task: the method, its options, and what is measured and written.
+        scene: the scene with these loads alone, and their hardness.
+        threads: the number of threads that the method may use.
+        earlier: the load steps of the path before these loads.
+        on_progress: called with the solved fraction of these loads.
+        for_error: see `_solve_with_hardnesses`.
+
+    Raises:
+        NotConverged: if the method does not converge.
+    """
     method = task.method
     options = dict(task.case.options[method.name])
     if for_error and method.name == "bem":
@@ -275,7 +330,17 @@ class _LoadObserver:
         return measured or self.task.steps_folder is not None
 
     def __call__(self, result: ContactResult) -> None:
-        """Measure and write at the last load of a result, whose fields it has."""
+        """Measure and write at the last load of a result.
+
+        Appends the load step with the measured quantities to `self.steps`.
+
+        Args:
+            result: the result so far, with the fields of its last load.
+
+        Raises:
+            InvalidCase: if a quantity that must be defined is not.
+            OutputError: if a file cannot be written.
+        """
         loads = self.scene.load.path[: len(result.steps)]
         scene = replace(self.scene, load=Load(loads))
         step = measure_load(self.task, scene, result)
@@ -285,6 +350,18 @@ class _LoadObserver:
             self._write(scene, replace(result, steps=steps), self.task.steps_folder)
 
     def _write(self, scene: Scene, result: ContactResult, folder: Path) -> None:
+        """Write the fields of a load to a .vti file, and the list path.pvd of all
+        files so far.
+
+        Args:
+            scene: the scene, with a load path that ends at this load.
+            result: the result of all loads of the task so far, with the fields of the
+                last one.
+            folder: the folder of both files.
+
+        Raises:
+            OutputError: if a file cannot be written.
+        """
         number = len(result.steps) - 1
         result = with_description(self.task, scene, result)
         write_result_fields(
@@ -294,10 +371,10 @@ class _LoadObserver:
         write_collection(folder / "path.pvd", pressures)
 
     def add_to(self, steps: Sequence[LoadStep]) -> tuple[LoadStep, ...]:
-        """Return the steps that a method reports at the end, with what was measured.
+        """Return the load steps of a method's result with what this observer measured.
 
-        What the method reports stands.  A method that calls for its last load alone has
-        measured values there alone.
+        A quantity that the method itself reports is not replaced.  The observer may
+        have seen only the last loads, because some methods have fields only there.
         """
         unobserved = len(steps) - len(self.steps)
         observed = [
@@ -311,7 +388,9 @@ class _LoadObserver:
 
 
 def with_description(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
-    """Return a result whose provenance describes the scene that was solved."""
+    """Return a copy of a result whose provenance describes the scene of the task that
+    was solved: surface, material, body and load, see `describe_scene`.
+    """
     about = describe_scene(scene, task.recipe, task.case.hardness_source)
     about.update(task.case.two_bodies)
     return replace(result, provenance=replace(result.provenance, about=about))
@@ -320,7 +399,17 @@ def with_description(task: Task, scene: Scene, result: ContactResult) -> Contact
 def write_result_fields(
     task: Task, scene: Scene, result: ContactResult, path: Path
 ) -> None:
-    """Write the fields of a result to a .vti file.  Raises OutputError."""
+    """Write the fields of a result to a .vti file, in the precision of its task.
+
+    Args:
+        task: names the case and the precision.
+        scene: gives the grid.
+        result: its fields are written, and the quantities of its last load with units.
+        path: the file.
+
+    Raises:
+        OutputError: if the file cannot be written.
+    """
     attributes: dict[str, Any] = {"case": task.case.id, "size": task.case.size}
     write_fields(
         path,

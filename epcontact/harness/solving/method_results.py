@@ -50,14 +50,24 @@ class MethodResults:
 
 
 def _are_equal(first: Mapping[str, float], second: Mapping[str, float]) -> bool:
+    """Return whether all quantities of two results agree to 1e-6 of their values.
+
+    Results without a largest pressure, or with different quantities, do not.
+    """
     if "largest_pressure" not in first or first.keys() != second.keys():
         return False
     return all(math.isclose(first[k], second[k], rel_tol=1e-6) for k in first)
 
 
 def summary(case: Case, results: MethodResults) -> dict[str, Any]:
-    """Return the content of `<method>.json`: means over surfaces, their scatter, and
-    the result of every surface.
+    """Return the content of `<method>.json` as plain data.
+
+    It holds means of the areas over the surfaces with their scatter, the largest
+    residuals, a table of loads, the cost of all solves, and each surface's result.
+
+    Args:
+        case: the case.
+        results: the results of one of its methods, of one surface at least.
     """
     members = [result.to_json() for result in results.results]
     finals = [result.final for result in results.results]
@@ -90,6 +100,9 @@ def summary(case: Case, results: MethodResults) -> dict[str, Any]:
 
 
 def _statistics(values: Sequence[float]) -> dict[str, float]:
+    """Return mean, standard deviation and half the width of the 95 % interval of the
+    mean of values, in their unit.
+    """
     mean = estimate(values)
     return {
         "mean": mean.mean,
@@ -99,7 +112,11 @@ def _statistics(values: Sequence[float]) -> dict[str, float]:
 
 
 def _joint_cost(costs: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Return the sum of each cost over the surfaces; of the memory the largest."""
+    """Return the cost of solves on several surfaces: the sum of each cost, but of the
+    peak memory the largest value.
+
+    All costs have the same names, such as "seconds".
+    """
     joint = {name: sum(cost[name] for cost in costs) for name in costs[0]}
     memory = "peak_memory_bytes"
     if memory in joint:
@@ -141,7 +158,16 @@ def load_rows(
 def _mean_row(
     values: Sequence[Mapping[str, float]], names: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    """Return mean, error and parts of the error of the quantities at one load."""
+    """Return mean, error and parts of the error of the quantities at one load.
+
+    Args:
+        values: for each surface, values by the name of the quantity; an error is
+            "<name>_error_by_<source>".
+        names: the names of the quantities.
+
+    Returns:
+        For each quantity that is defined, the dictionary that `load_rows` describes.
+    """
     row = {}
     for name in names:
         mean = estimate([surface.get(name, math.nan) for surface in values])

@@ -87,9 +87,16 @@ def key_of(task: Task) -> str:
 def save_result(task: Task, output: Path, result: ContactResult) -> None:
     """Write the result of a task to its file, whole or not at all.
 
-    Fields that belong to another, earlier result of the task are removed: a reader
-    would take them for those of this result.  Raises OutputError if the file cannot be
-    written.
+    Files of fields that belong to an earlier, different result of the task are deleted:
+    a reader would take them for those of this result.
+
+    Args:
+        task: the task.
+        output: the output folder of the run.
+        result: its result; its fields are not written.
+
+    Raises:
+        OutputError: if the file cannot be written.
     """
     about: dict[str, Any] = {
         "case": task.case.id,
@@ -119,10 +126,10 @@ def save_result(task: Task, output: Path, result: ContactResult) -> None:
 
 
 def load_saved(task: Task, output: Path) -> ContactResult | None:
-    """Return the saved result of a task.
+    """Return the result of a task that an earlier run saved in the output folder.
 
-    Returns None if there is none, if it or its files were changed, or if it lacks
-    something that the task asks for.
+    Returns None if there is none, if it or its files were changed, if it lacks
+    something that the task asks for, or if the method's code is not the package's.
     """
     if task.method.foreign:
         return None
@@ -138,13 +145,21 @@ def load_saved(task: Task, output: Path) -> ContactResult | None:
 
 
 def _has_measured(content: dict[str, Any], task: Task) -> bool:
-    """Return whether everything is measured that the task asks for."""
+    """Return whether a saved result has all quantities that the task asks for.
+
+    `content` is that of the file of the result.
+    """
     has_rows = content.get("rows", False) or not task.lists_loads
     return has_rows and set(task.measured) <= set(content.get("measured", ()))
 
 
 def _has_files(content: dict[str, Any], task: Task, output: Path) -> bool:
-    """Return whether the files of fields are there that the task asks for."""
+    """Return whether the files of fields that the task asks for exist, unchanged and in
+    its precision or a better one.
+
+    `content` is that of the file of the saved result, which has the digest of the
+    fields.  `output` is the output folder.
+    """
     if task.fields_file is not None:
         precise = content.get("precision") in (task.precision, "double")
         digest = content.get("fields_digest")
@@ -170,6 +185,7 @@ def read_saved(path: Path) -> dict[str, Any]:
 
 
 def _content_digest(content: dict[str, Any]) -> str:
+    """Return the SHA-256 of a saved result's content as JSON, without its digest."""
     return hashlib.sha256(to_json(content)).hexdigest()
 
 

@@ -87,13 +87,16 @@ def describe_scene(
 
 
 def _resolution(surface: Surface) -> Iterator[_Row]:
-    """Yield the row of the resolution of the shortest wave, if it is known."""
+    """Yield the row "resolution", the grid points per shortest wavelength along the
+    coarser direction; nothing if the shortest wavelength of the surface is not known.
+    """
     if surface.shortest_wavelength is not None:
         points = surface.shortest_wavelength / max(surface.spacing)
         yield "resolution", points, "–", "grid points per shortest wavelength"
 
 
 def _describe_body(body: Body) -> str:
+    """Return the kind of a body in words, with the depth of a layer in m."""
     words = _BODIES[body.kind]
     if body.kind != "half_space":
         words += f", {body.depth:g} m deep"
@@ -101,6 +104,9 @@ def _describe_body(body: Body) -> str:
 
 
 def _describe_surface(surface: Surface, recipe: Recipe) -> str:
+    """Return a surface in words: its spectrum, or its kind with the parameters of the
+    recipe from which it was made.
+    """
     spectrum = surface.spectrum
     if spectrum is not None:
         return (
@@ -116,8 +122,10 @@ def _describe_surface(surface: Surface, recipe: Recipe) -> str:
 
 
 def _describe_parameters(recipe: Any) -> Iterator[str]:
-    """Yield the parameters of a recipe, such as "radius 0.01 m", with the units of its
-    annotations.
+    """Yield the parameters of a recipe that are set, such as "radius 0.01 m".
+
+    The grid, the kind and the heights are left out.  `recipe` is a dataclass whose
+    annotations give the units.
     """
     for field in fields(recipe):
         value = getattr(recipe, field.name)
