@@ -1,5 +1,6 @@
 """The treatment of measured maps: outliers, form, holes, edges, band, and its notes."""
 
+import functools
 import itertools
 import math
 import pickle
@@ -41,10 +42,16 @@ CUT_OUT = MAP[:40, :31] + 0.01 * np.arange(40)[:, None] - 0.02 * np.arange(31)
 
 # --- outliers -------------------------------------------------------------------------
 
+#: Heights (m) of the trial map without spikes.
 CLEAN = 1e-6 * trial_map(0)
 
 
 def trial_surface(heights, outliers="keep"):
+    """Return the surface of heights (m) on the grid of the trial map, levelled and with
+    holes filled.
+
+    `outliers` is "keep" or "remove".
+    """
     recipe = HeightsFromArray(
         heights,
         (320e-6, 240e-6),
@@ -58,8 +65,10 @@ def trial_surface(heights, outliers="keep"):
 
 @pytest.mark.parametrize("spikes", [1, 25])
 def test_outliers_are_removed_on_demand(spikes):
-    """The mean of its neighbours, whose waves have four points or more, replaces a
-    spike.
+    """The mean of its neighbours replaces an outlier, to 0.3 µm, and other heights stay
+    as they are.
+
+    `spikes` is the number of outliers in the map; all waves have four points or more.
     """
     given = 1e-6 * trial_map(spikes)
     moved = np.nan_to_num(np.abs(given - CLEAN)) > 1e-7
@@ -76,6 +85,11 @@ def test_outliers_are_removed_on_demand(spikes):
 
 @pytest.mark.parametrize(("spikes", "more"), [(1, ""), (25, " and 19 more")])
 def test_outliers_are_kept_with_a_warning(spikes, more):
+    """Outliers that are kept cause a SurfaceWarning with their number and up to six of
+    their positions.
+
+    `spikes` is their number, and `more` the end of the list of positions.
+    """
     given = 1e-6 * trial_map(spikes)
     x, y = np.argwhere(np.abs(given - CLEAN) > 1e-7)[0] * 0.8e-6
     message = f"{spikes} of 120000 heights are outliers"
@@ -90,6 +104,11 @@ def test_outliers_are_kept_with_a_warning(spikes, more):
 @pytest.mark.parametrize("seed", [21, 22])
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"outliers"}))
 def test_real_surfaces_have_no_outliers(kind, seed):
+    """No point of a real surface counts as an outlier, also with heights rounded to 60
+    steps.
+
+    `kind` is the kind of roughness and `seed` that of its random numbers.
+    """
     surface = member(KINDS, kind, seed, 96)
     heights = KINDS[kind](surface, np.random.default_rng(seed))
     assert not find_outliers(heights).any()
@@ -102,6 +121,10 @@ def test_real_surfaces_have_no_outliers(kind, seed):
 @pytest.mark.parametrize("shape", [(40, 31), (60,)])
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_a_form_is_removed_completely(shape, order):
+    """A polynomial of an `order` added to heights changes nothing after its removal.
+
+    `shape` is the grid; the heights have holes.
+    """
     grids = np.meshgrid(*(np.arange(n) / 10 for n in shape), indexing="ij")
     form = np.full(shape, 3.0)  # 40 high at most, with the terms below
     if order >= 1:
@@ -116,19 +139,25 @@ def test_a_form_is_removed_completely(shape, order):
     assert np.nansum(rest * form) == pytest.approx(0, abs=1e-10)
 
 
-PLACE_X, PLACE_Y = np.meshgrid(np.arange(40.0), np.arange(31.0), indexing="ij")
+#: Indices of the points of a grid along x and y.
+GRID_X, GRID_Y = np.meshgrid(np.arange(40.0), np.arange(31.0), indexing="ij")
 
 
 @pytest.mark.parametrize("form", [1, 2])
 @pytest.mark.parametrize(
     ("order", "heights"),
     [
-        (1, 0.1 + 0.3 * PLACE_X - 0.7 * PLACE_Y),
-        (1, 0 * PLACE_X + 0.1),
-        (2, 5 + PLACE_X**2 - PLACE_X * PLACE_Y),
+        (1, 0.1 + 0.3 * GRID_X - 0.7 * GRID_Y),
+        (1, 0 * GRID_X + 0.1),
+        (2, 5 + GRID_X**2 - GRID_X * GRID_Y),
     ],
 )
 def test_a_plane_or_constant_is_flat_to_the_last_digit(order, heights, form):
+    """Heights of a polynomial are exactly 0, with a note, after removal of a `form` of
+    its `order` or above.
+
+    `heights` are in µm.
+    """
     recipe = HeightsFromArray(1e-6 * heights, (1e-3, 1e-3), "periodic", form=form)
     surface = recipe.build()
     is_flat = form >= order
@@ -137,11 +166,15 @@ def test_a_plane_or_constant_is_flat_to_the_last_digit(order, heights, form):
 
 
 def test_small_roughness_on_a_large_height_is_no_rounding():
+    """A roughness of 1 nm on heights of 1 m is kept."""
     recipe = HeightsFromArray(1e-9 * HILLS + 1.0, (1.0, 1.0), "periodic", form=1)
     assert recipe.build().rms_height > 1e-10
 
 
 def test_a_tilt_that_makes_edges_jump_is_removed():
+    """A periodic map that jumps at its edges is levelled with a note, unless `form` is
+    0.
+    """
     tilted = HeightsFromArray(
         MAP + 0.3 * np.arange(48)[:, None], (L, L), treatment="periodic"
     )
@@ -151,11 +184,6 @@ def test_a_tilt_that_makes_edges_jump_is_removed():
     assert "least-squares plane removed, because its tilt" in str(surface.notes)
     assert surface.treatment_errors
     assert replace(tilted, form=0).build().rms_height > 3 * surface.rms_height
-
-
-def test_a_periodic_map_is_left_as_it_is():
-    surface = HeightsFromArray(MAP, (L, L), "periodic").build()
-    assert np.array_equal(surface.heights, MAP)
 
 
 # --- holes ----------------------------------------------------------------------------
@@ -168,6 +196,9 @@ HOLED[4:12, 3:9] = np.nan
 
 
 def test_missing_points_of_arrays_and_files_are_filled(tmp_path):
+    """Missing points of masked arrays and files are filled by a harmonic function,
+    exactly for heights that are harmonic.
+    """
     path = tmp_path / "map.npy"
     np.save(path, HOLED.T)
     steps = {"missing": "harmonic", "treatment": "periodic", "form": 0}
@@ -181,10 +212,14 @@ def test_missing_points_of_arrays_and_files_are_filled(tmp_path):
 
 
 def test_the_nearest_point_fills_a_hole():
+    """`fill_holes` with "nearest" takes the height of the nearest point."""
     assert fill_holes(HOLED, "nearest")[4, 5] == SADDLE[3, 5]
 
 
 def test_a_harmonic_filling_meets_the_edge_at_a_right_angle():
+    """A harmonic filling of a line is linear between points and constant up to the
+    edges.
+    """
     line = np.array([np.nan, np.nan, 1.0, np.nan, 4.0, np.nan])
     assert fill_holes(line, "harmonic") == pytest.approx([1, 1, 1, 2.5, 4, 4])
 
@@ -194,6 +229,10 @@ def test_a_harmonic_filling_meets_the_edge_at_a_right_angle():
 
 @pytest.mark.parametrize("shift", range(0, 48, 5))
 def test_a_map_is_periodic_wherever_it_is_cut(shift):
+    """A periodic map is left as it is, and a note states its jump at the edges.
+
+    `shift` is the number of points by which it is moved.
+    """
     moved = np.roll(MAP, (shift, shift), (0, 1))
     surface = HeightsFromArray(moved, (L, L)).build()
     assert np.array_equal(surface.heights, moved)
@@ -214,6 +253,9 @@ RAMP = np.zeros((20, 10)) + 0.5 * np.arange(20)[:, None]
     ],
 )
 def test_a_map_that_jumps_at_its_edges_is_refused(heights, message):
+    """A map that jumps more at its edges than between neighbours inside raises an error
+    with `message`.
+    """
     with refused(message):
         HeightsFromArray(heights, (1.0,) * heights.ndim).build()
 
@@ -226,11 +268,15 @@ def test_a_map_that_jumps_at_its_edges_is_refused(heights, message):
     ],
 )
 def test_a_map_that_is_as_steep_inside_is_periodic(heights):
+    """A map is periodic if its jump at the edges is below twice the steps inside."""
     HeightsFromArray(heights, (1e3,) * heights.ndim).build()
 
 
 def test_a_file_is_mirrored_so_that_no_edge_is_left(tmp_path):
-    """A mirrored map is periodic, and has the slopes of the map."""
+    """A file that is not periodic is levelled and mirrored along both axes.
+
+    It is then periodic, and its slopes and curvatures are those of the map.
+    """
     path = tmp_path / "cut.npy"
     np.save(path, CUT_OUT.T)
     (recipe,) = recipes_of(HeightsFromFile(path, pixel_size=0.5, unit=1.0))
@@ -252,11 +298,21 @@ LARGE = SelfAffine(LARGE_SPECTRUM, (256.0, 256.0), (256, 256), seed=3).build().h
 
 
 def surface_of_cut(points, treatment):
+    """Return the levelled surface of a cut of LARGE, `points` times 3/4 of them points
+    with a spacing of 1.
+
+    `treatment` is "mirrored" or "periodic".
+    """
     cut = LARGE[:points, : 3 * points // 4]
     return HeightsFromArray(cut, cut.shape, treatment, form=1).build()
 
 
 def test_errors_of_edges_fall_with_the_size_of_the_map():
+    """The relative errors by the edges are EDGE_ERRORS times slope over curvature and
+    length of the map, and EDGE_FRACTIONS.
+
+    They fall with the size, and are smaller if the map is mirrored.
+    """
     errors = {}
     for points, treatment in itertools.product((48, 96), ("mirrored", "periodic")):
         surface = surface_of_cut(points, treatment)
@@ -275,11 +331,16 @@ def test_errors_of_edges_fall_with_the_size_of_the_map():
     "solve",
     [
         bem.solve,
-        lambda scene: persson.solve(scene, energy_reduction=1, spectrum="surface"),
+        functools.partial(persson.solve, energy_reduction=1, spectrum="surface"),
     ],
     ids=["bem", "persson"],
 )
 def test_errors_of_edges_are_a_part_of_the_error_of_each_value(solve):
+    """Each value of a result has the error by the treatment of its surface, which is a
+    part of its error.
+
+    `solve` is a method.
+    """
     surface = surface_of_cut(96, "periodic")
     scene = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4))
     result = solve(scene)
@@ -296,6 +357,7 @@ def test_errors_of_edges_are_a_part_of_the_error_of_each_value(solve):
 
 
 def test_a_periodic_map_has_no_errors_of_edges():
+    """A periodic map has no error by its treatment, nor has a result on it."""
     surface = HeightsFromArray(LARGE, (256, 256)).build()
     assert not surface.treatment_errors
     scene = Scene(surface, Material(1.0, 0.0, hardness=0.01), Load(5e-4))
@@ -303,6 +365,9 @@ def test_a_periodic_map_has_no_errors_of_edges():
 
 
 def test_the_slope_of_an_effective_hardness_does_not_see_jumps_at_the_edges():
+    """The rms slope of `even_moments` leaves out jumps at the edges, which add more
+    than 10 % to that of the periodic surface.
+    """
     spectrum = SelfAffineSpectrum(0.8, L / 256, L / 64, L / 4, 0.05)
     large = SelfAffine(spectrum, (256.0, 256.0), (256, 256), seed=4).build()
     cut = remove_form(large.heights[:64, :64], 1)
@@ -311,6 +376,7 @@ def test_the_slope_of_an_effective_hardness_does_not_see_jumps_at_the_edges():
 
 
 def test_waves_outside_a_band_are_removed():
+    """A band of wavelengths leaves the one wave of three that lies inside."""
     x = np.arange(64) * L / 64
     heights = np.cos(x) + np.cos(3 * x) + np.cos(9 * x)
     recipe = HeightsFromArray(
@@ -323,6 +389,9 @@ def test_waves_outside_a_band_are_removed():
 
 
 def test_slopes_beyond_one_warn_at_the_line_that_makes_the_surface():
+    """A surface with slopes beyond 1 causes a warning at the line of the caller, and
+    has it as a note.
+    """
     recipe = HeightsFromArray(MAP * 1e3, (L, L))
     with pytest.warns(SurfaceWarning, match="beyond the small slopes") as warned:
         steep = recipe.build()
@@ -344,6 +413,8 @@ def test_a_warning_comes_once():
     assert len(HeightsFromArray(MAP / 10, (L, L)).build().notes) == 2
 
 
+#: Parts of the notes about heights in steps, a mark for missing heights, and exchanged
+#: periods.
 STEPPED = "are in steps of"
 MARKED = "heights are -9999, far from all others"
 OBLONG = "times as long as wide"
@@ -375,6 +446,10 @@ SQUARE = (1e3, 1e3)
     ],
 )
 def test_signs_of_a_mistake_are_noted(heights, periods, warning, words):
+    """A surface has a note about `heights` or `periods` (m) that look like a mistake.
+
+    `warning` is the start of the note, or "" for no note, and `words` are a part of it.
+    """
     notes = " ".join(HeightsFromArray(heights, periods, "periodic").build().notes)
     assert warning in notes
     assert words in notes

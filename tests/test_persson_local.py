@@ -25,69 +25,99 @@ SPECTRUM = SelfAffineSpectrum(0.8, 1e5, 4e5, 64e5, 1.0)
 ROUGH = analytic_roughness(SPECTRUM)
 VARIANCE, BREADTH = relative_wavenumbers(ROUGH)
 PATH = VARIANCE / 8, BREADTH  # E* xi = 1
-PLACES = [(0.05, 0.6), (0.02, 0.16), (0.3, 1.2), (0.05, math.inf)]
+#: Mean pressures and hardnesses, both over E* xi.
+LOADS = [(0.05, 0.6), (0.02, 0.16), (0.3, 1.2), (0.05, math.inf)]
 
 
-def shares(state):
-    """Return elastic, plastic and separated area at the end of a state, (3,)."""
+def fractions(state):
+    """Return elastic, plastic and separated area at the end of a state, an array of
+    shape (3,).
+    """
     return np.array([state.elastic[-1], state.plastic[-1], state.separated[-1]])
 
 
 def body(hardness=math.inf):
-    """Return the theory by the rule "local" with E* = 1; `hardness` is in this unit."""
+    """Return the theory of ROUGH by the rule "local" with E* = 1; `hardness` is in this
+    unit.
+    """
     return Theory(ROUGH, 1.0, EnergyReduction(CONSTANTS[0], "local"), hardness)
 
 
 @settings(max_examples=25)
 @given(st.floats(1e-3, 0.999), st.floats(0.05, 4.0))
 def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(
-    share, hardness
+    load_fraction, hardness
 ):
-    state = integrate(*PATH, share * hardness, hardness, resolution=(25, 4))
+    """Areas sum to 1 and carry the load, and the elastic area only falls.
+
+    At the load 1 - `load_fraction`, a fraction of the hardness, plastic and separated
+    area are exchanged. `hardness` is over E* xi.
+    """
+    state = integrate(*PATH, load_fraction * hardness, hardness, resolution=(25, 4))
     assert_allclose(state.elastic + state.plastic + state.separated, 1, rtol=1e-11)
     carried = (
         state.weights @ (state.pressure * state.density) + hardness * state.plastic[-1]
     )
-    assert_allclose(carried, share * hardness, rtol=1e-10)
+    assert_allclose(carried, load_fraction * hardness, rtol=1e-10)
     assert_allclose(state.cumulative[-1], state.elastic[-1], rtol=1e-10)
-    mirror = integrate(*PATH, (1 - share) * hardness, hardness, resolution=(25, 4))
-    assert_allclose(shares(mirror), shares(state)[[0, 2, 1]], rtol=1e-6, atol=1e-12)
+    mirror = integrate(
+        *PATH, (1 - load_fraction) * hardness, hardness, resolution=(25, 4)
+    )
+    assert_allclose(
+        fractions(mirror), fractions(state)[[0, 2, 1]], rtol=1e-6, atol=1e-12
+    )
     assert (np.diff(state.elastic) < 1e-12).all()
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_cells_and_steps_are_of_second_order_and_the_default_is_right(place):
-    finest = shares(integrate(*PATH, *place, resolution=(400, 64)))
+@pytest.mark.parametrize("load", LOADS)
+def test_cells_and_steps_are_of_second_order_and_the_default_is_right(load):
+    """Areas converge with the second order in the number of cells and steps, and by
+    default are right to 0.8 %.
+
+    `load` is mean pressure and hardness over E* xi.
+    """
+    finest = fractions(integrate(*PATH, *load, resolution=(400, 64)))
+    # Cells, steps, and both at once are refined.
     for vary in ((1, 0), (0, 1), (1, 1)):
         factors = np.where(vary, np.array([[1], [2], [4]]), 8)
         sizes = [tuple(size) for size in (factors * (50, 8)).tolist()]
         off = [
-            abs(shares(integrate(*PATH, *place, resolution=n)) - finest).max()
+            abs(fractions(integrate(*PATH, *load, resolution=n)) - finest).max()
             for n in sizes
         ]
         if vary == (1, 1):
             assert off[0] < 2e-4
             assert math.log2(off[0] / off[1]) > 1.6
         assert off[2] < off[0]
-    usual = shares(integrate(*PATH, *place))
+    usual = fractions(integrate(*PATH, *load))
     assert_allclose(usual[usual > 0], finest[usual > 0], rtol=8e-3)
 
 
-@pytest.mark.parametrize("place", PLACES)
-def test_one_reduction_for_all_pressures_gives_the_closed_form(place, monkeypatch):
-    """Full contact until the start of the march, and S = 0.6 from there."""
-    monkeypatch.setattr(local, "local_reduction", lambda p, *rest: np.full_like(p, 0.6))
-    state = integrate(*PATH, *place, resolution=(200, 32))
+@pytest.mark.parametrize("load", LOADS)
+def test_one_reduction_for_all_pressures_gives_the_closed_form(load, monkeypatch):
+    """With an energy reduction of 0.6 at all pressures the areas are the closed form.
+
+    The march starts from full contact at its first diffusion. `load` is mean pressure
+    and hardness over E* xi.
+    """
+
+    def reduction(pressure, *_):
+        """Return 0.6 at each pressure."""
+        return np.full_like(pressure, 0.6)
+
+    monkeypatch.setattr(local, "local_reduction", reduction)
+    state = integrate(*PATH, *load, resolution=(200, 32))
     G = state.diffusion[0] + 0.6 * (state.diffusion - state.diffusion[0])
     for part in ("elastic", "plastic"):
-        assert_allclose(
-            getattr(state, part), getattr(areas(G, *place), part), atol=2e-4
-        )
-    exact = persson.pressure_density(state.pressure, G[-1], *place)
+        assert_allclose(getattr(state, part), getattr(areas(G, *load), part), atol=2e-4)
+    exact = persson.pressure_density(state.pressure, G[-1], *load)
     assert_allclose(state.density, exact, atol=2e-3 * exact.max() + 1e-8)
 
 
 def test_the_reduction_is_that_of_its_formula():
+    """The energy reduction has the values of its formula in limits, and rises from both
+    walls, the pressures 0 and the hardness, to the middle.
+    """
     gamma, _, c = CONSTANTS
     alone = local.local_reduction(np.array([0.0]), math.inf, 0.5, 1.0, 0.0)
     assert_allclose(alone, gamma)  # at a wall, all contact lost, one wave length
@@ -102,11 +132,17 @@ def test_the_reduction_is_that_of_its_formula():
 
 
 def test_limits_of_the_hardness_and_of_the_load():
-    elastic = shares(integrate(*PATH, 0.05))
-    assert_allclose(shares(integrate(*PATH, 0.05, 20.0)), elastic, atol=2e-4)
+    """A great hardness is the elastic body, a great load full contact with all its
+    energy, and light loads have areas proportional to the load.
+
+    Of a soft body the elastic area falls as a power of the hardness, while one gamma
+    lets it vanish.
+    """
+    elastic = fractions(integrate(*PATH, 0.05))
+    assert_allclose(fractions(integrate(*PATH, 0.05, 20.0)), elastic, atol=2e-4)
     # Full contact stores all energy: the pressures have the variance 2 tau.
     full = integrate(*PATH, 5.0, resolution=(200, 8))
-    assert_allclose(shares(full), [1, 0, 0], atol=1e-8)
+    assert_allclose(fractions(full), [1, 0, 0], atol=1e-8)
     assert_allclose(
         full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3
     )
@@ -120,11 +156,16 @@ def test_limits_of_the_hardness_and_of_the_load():
 
 
 def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
+    """A scene has the areas of its exact spectrum, and magnification and pressure
+    curves end there.
+
+    A lower gamma gives less area.
+    """
     surface = SelfAffine(SPECTRUM, (2 * math.pi / 1e5,) * 2, (256, 256), 3).build()
     scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
     rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"}
     result = persson.solve(scene, **rule)
-    exact = shares(integrate(*PATH, 0.05, 0.6))
+    exact = fractions(integrate(*PATH, 0.05, 0.6))
     assert_allclose(result.final.areas["raw"].elastic, exact[0], rtol=1e-9)
     assert_allclose(result.final.areas["raw"].plastic, exact[1], rtol=1e-9)
     for step in result.steps:
@@ -137,23 +178,24 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     at_four = theory.pressure_curve(12.5e9, 4.0)
     assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
-    other = persson.solve(scene, energy_reduction=0.3, reduction="local").final.areas[
-        "raw"
-    ]
-    assert other.total < result.final.areas["raw"].total
+    other = persson.solve(scene, energy_reduction=0.3, reduction="local")
+    assert other.final.areas["raw"].total < result.final.areas["raw"].total
 
 
 def test_what_the_rule_does_not_have_is_refused():
+    """The rule "local" raises InvalidScene for energy, gap and factor, a hardness that
+    is not constant, a load beyond the hardness and a flat surface.
+    """
     theory = body(0.6)
-    for refused in (
-        lambda: elastic_energy(theory, 0.05),
-        lambda: mean_separation(theory, 0.05),
-        lambda: gap_distribution(theory, 0.05, [0.0]),
-        lambda: mean_separation(body(), 0.05),
-        lambda: theory.reduction.factor(0.5),
+    for function, arguments in (
+        (elastic_energy, (theory, 0.05)),
+        (mean_separation, (theory, 0.05)),
+        (gap_distribution, (theory, 0.05, [0.0])),
+        (mean_separation, (body(), 0.05)),
+        (theory.reduction.factor, (0.5,)),
     ):
         with pytest.raises(InvalidScene, match="no diffusion G, elastic energy, gap"):
-            refused()
+            function(*arguments)
     with pytest.raises(InvalidScene, match="must be constant"):
         persson.hardness_curve(theory, 0.05, np.ones_like)
     with pytest.raises(InvalidScene, match="between 0 and the hardness"):
@@ -164,8 +206,12 @@ def test_what_the_rule_does_not_have_is_refused():
 
 
 def test_light_roughness_leaves_full_contact_and_the_breadth_is_a_mean_wave_number():
+    """Light roughness leaves full contact.
+
+    The breadth is the mean wave number by slope variance over the highest one.
+    """
     state = integrate(np.array([1e-8]), np.array([1.0]), 0.05, 0.6)
-    assert_allclose(shares(state), [1, 0, 0], atol=1e-12)
+    assert_allclose(fractions(state), [1, 0, 0], atol=1e-12)
     assert_allclose(BREADTH[0], 1, rtol=1e-4)
     q = np.linspace(1e5, 64e5, 200001)
     C = np.where(q < 4e5, 1.0, (q / 4e5) ** -3.6)

@@ -35,11 +35,12 @@ from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Sur
 from epcontact.surfaces import SelfAffine
 from epcontact.surfaces.spectrum import density, spectral_moment
 
+#: Hurst exponent, lowest, roll-off and highest wavenumber (rad/m), rms slope.
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0e5, 2.0e5, 16.0e5, 1.0)
 PERIOD = 2 * math.pi / 1.0e5
-MODULUS = 250e9
+MODULUS = 250e9  # Pa
 METAL = Material(MODULUS, 0.0, 150e9)
-GAMMA = 0.536
+GAMMA = 0.536  # energy reduction of the paper
 SURFACE = SelfAffine(SPECTRUM, (PERIOD, PERIOD), (64, 64), 11).build()
 SCENE = Scene(SURFACE, METAL, Load((2e9, 12.5e9)))
 
@@ -55,6 +56,7 @@ PUBLISHED = {
     EnergyReduction(5 / 9, "wang_muser"): 5 / 9 - 1 / 18 + (2 / 3) / 16,
     EnergyReduction(0.42, "xu"): 0.42 + 0.58 / 2,
 }
+#: The rules with a differential equation for the diffusion.
 LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
 
 
@@ -76,11 +78,35 @@ def law(zeta):
     return 100e9 * zeta**0.15
 
 
+def constant_law(zeta):
+    """Return a hardness of 150 GPa at each magnification, in Pa."""
+    return np.full(zeta.shape, 150e9)
+
+
+def kinked_law(zeta):
+    """Return a hardness of 100 GPa up to the magnification 16, then rising, in Pa."""
+    return 100e9 * np.maximum(zeta / 16, 1) ** 0.3
+
+
+def soft_law(zeta):
+    """Return a hardness (Pa) that is below the mean pressure at magnification 1."""
+    return 10e9 * zeta
+
+
+def law_without_values(zeta):
+    """Return NaN at each magnification."""
+    return zeta * np.nan
+
+
+def falling_law(zeta):
+    """Return a hardness in Pa that falls with the magnification."""
+    return 150e9 * zeta**-0.01
+
+
 ROUGH = body(analytic_roughness(PAPER))
 OWN = body(
     roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(), "surface")
 )
-STATE = (mean_separation, elastic_energy)
 
 
 def solve(scene=SCENE, **options):
@@ -120,7 +146,8 @@ def test_the_areas_are_the_closed_form_and_the_distribution_carries_the_load():
         assert max(step.areas["error"].total, *step.residuals.values()) < 1e-13
     assert result.notes[-1] == expectation(theory, 12.5e9)
     assert result.cost["seconds"] < 600
-    own = solve(spectrum="surface").final.areas["raw"]  # of a surface of exact slope
+    # The surface has exactly the slope of the spectrum.
+    own = solve(spectrum="surface").final.areas["raw"]
     assert own.elastic == pytest.approx(result.final.areas["raw"].elastic, rel=1e-9)
     table: Any = result.distribution
     assert np.all(np.diff(table.cumulative) >= 0)
@@ -212,7 +239,7 @@ def test_a_pressure_curve_at_a_magnification(theory):
     assert list(curve.columns()) == ["pressure_Pa", "density_per_Pa", "cumulative_area"]
 
 
-@pytest.mark.parametrize("reduction", PUBLISHED, ids=lambda r: r.rule)
+@pytest.mark.parametrize("reduction", PUBLISHED, ids=str)
 def test_a_rule_at_its_ends(reduction):
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
     assert_allclose(reduction.factor(0.0), reduction.gamma)
@@ -230,7 +257,7 @@ def test_a_rule_at_its_ends(reduction):
     )
 
 
-@pytest.mark.parametrize("reduction", LOCAL, ids=lambda r: r.rule)
+@pytest.mark.parametrize("reduction", LOCAL, ids=str)
 @pytest.mark.parametrize("hardness", [math.inf, 150.0])
 def test_the_differential_rules_solve_their_equation(reduction, hardness):
     """An adaptive quadrature gives int_0^G dG' / S(A(G')) = tau.
@@ -363,7 +390,7 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
     other = replace(made, reduction=EnergyReduction(GAMMA, "xu"))
     assert elastic_energy(other, p) == elastic_energy(made, p)
     # Great hardness is the elastic body; a load at the hardness is refused.
-    for find in STATE:
+    for find in (mean_separation, elastic_energy):
         assert_allclose(find(model(64, 1e15), 5e9), find(model(64), 5e9), rtol=1e-14)
         with pytest.raises(InvalidScene, match="mean_pressure"):
             find(model(64, 10e9), 10e9)
@@ -393,7 +420,7 @@ def test_the_self_similar_solution_with_second_order(kappa):
 
 
 def test_constant_hardness_is_the_closed_form():
-    found = hardness_curve(ROUGH, 12.5e9, lambda z: np.full(z.shape, 150e9))
+    found = hardness_curve(ROUGH, 12.5e9, constant_law)
     curve = replace(ROUGH, hardness=150e9).magnification_curve(
         12.5e9, found.areas.magnification
     )
@@ -409,7 +436,7 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
         changes = np.abs(np.diff([getattr(f.areas, name) for f in found], axis=0))
         assert np.all(np.log2(changes[:-1] / changes[1:]) > 1.7), name
         assert np.all(changes[-1] < 1e-5)
-    kink = hardness_curve(ROUGH, 12.5e9, lambda z: 100e9 * np.maximum(z / 16, 1) ** 0.3)
+    kink = hardness_curve(ROUGH, 12.5e9, kinked_law)
     late = kink.areas.plastic[kink.areas.magnification > 20]
     assert np.all(np.diff(late, 2) > -1e-5)  # it does not ring
     # Half the band: the share of slope below differs by the sampling of the long waves.
@@ -445,17 +472,17 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_last_value():
 
 
 @pytest.mark.parametrize(
-    ("theory", "hardness", "more", "words"),
+    ("theory", "hardness", "arguments", "words"),
     [
-        (ROUGH, lambda z: 10e9 * z, (), "mean_pressure"),
-        (ROUGH, lambda z: 150e9 * z * np.nan, (), "positive"),
-        (ROUGH, lambda z: 150e9 * z**-0.01, (), "does not conserve the force"),
+        (ROUGH, soft_law, (), "mean_pressure"),
+        (ROUGH, law_without_values, (), "positive"),
+        (ROUGH, falling_law, (), "does not conserve the force"),
         *((ROUGH, law, (zeta,), "ascend") for zeta in ([0.5, 2.0], [4.0, 2.0], [])),
         (ROUGH, law, (None, (16, 400)), "cells"),
         (OWN, law, (), "no finite rate"),  # beyond the surface's shortest wave
         (body(ROUGH.roughness, rule="persson"), law, (), "must be constant"),
     ],
 )
-def test_hardnesses_that_are_refused(theory, hardness, more, words):
+def test_hardnesses_that_are_refused(theory, hardness, arguments, words):
     with pytest.raises(InvalidScene, match=words):
-        hardness_curve(theory, 12.5e9, hardness, *more)
+        hardness_curve(theory, 12.5e9, hardness, *arguments)
