@@ -89,7 +89,9 @@ def room_of(module):
 
 
 def imported(tree):
-    """The project's modules that a piece of code imports, wherever in it."""
+    """Return the names of the project's modules that a syntax tree imports anywhere, a
+    set.
+    """
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -107,6 +109,9 @@ NEEDS = {name: imported(tree) for name, tree in MODULES.items()}
 
 
 def test_imports_lead_down():
+    """A module imports only from its own room or from rooms on lower floors
+    (FLOORS).
+    """
     floor = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
     for module in MODULES.keys() - {"epcontact"}:
         here = room_of(module)
@@ -133,8 +138,8 @@ def test_imports_lead_down():
     ],
 )
 def test_imports_run_in_no_circle(package):
-    """Neither those of the modules do, nor those of the folders of a room, each taken
-    as one.
+    """Modules do not import each other in a circle, nor do the folders of a room
+    (`package`), each taken as one.
     """
     depth = package.count(".") + 2 if package else None
     needs: dict[str, set[str]] = {}
@@ -153,6 +158,7 @@ def test_imports_run_in_no_circle(package):
 
 
 def test_imports_stand_at_the_top():
+    """At most DEFERRED imports of the project stand inside functions."""
     deferred = {
         f"{module}.{function.name}: {name}"
         for module, tree in MODULES.items()
@@ -181,7 +187,9 @@ def tokens_of_code(text):
 
 
 def rooms_with_tokens():
-    """Return the tokens of code of each room, and the lines of the saved texts."""
+    """Return the number of tokens of code by room, and of the lines of the saved texts,
+    as a Counter.
+    """
     found = Counter()
     for file in [*FILES, *ROOT.glob("tests/**/*.py")]:
         if file.is_relative_to(ROOT / "tests" / "laboratory"):
@@ -197,12 +205,16 @@ def rooms_with_tokens():
 
 
 def test_no_room_grows_beyond_its_budget():
+    """No room holds more tokens than TOKENS and its slack allow, and each room has a
+    budget.
+    """
     allowed = {room: (1 + SLACK) * tokens for room, tokens in TOKENS.items()}
     beyond = {r: n for r, n in rooms_with_tokens().items() if n > allowed.get(r, 0)}
     assert not beyond, "these rooms hold more than TOKENS and its slack allow"
 
 
 def test_only_code_counts():
+    """Docstrings, comments and imports are not counted, but all else is."""
     code = "x = f(1)\n"
     free = '"""What it is."""\n\nimport os\nfrom a import (\n    b,\n)\n\n# Why.\n'
     assert tokens_of_code(code) == 6

@@ -63,7 +63,8 @@ LOCAL = [r for r in PUBLISHED if r.rule in ("persson", "wang_muser")]
 def body(roughness, hardness=math.inf, rule="constant"):
     """Return the theory of a roughness with E* = 250 GPa and gamma = 0.536.
 
-    `hardness` is in Pa, infinite for an elastic body; `rule` is the energy reduction's.
+    `hardness` is in Pa, infinite for an elastic body, and `rule` is that of the energy
+    reduction.
     """
     return Theory(roughness, MODULUS, EnergyReduction(GAMMA, rule), hardness)
 
@@ -110,11 +111,19 @@ OWN = body(
 
 
 def solve(scene=SCENE, **options):
-    """Solve a scene by the theory with gamma = 0.536, unless options say otherwise."""
+    """Solve a scene by the theory with gamma = 0.536.
+
+    `options` are those of persson.solve, and may replace gamma.
+    """
     return persson.solve(scene, **{"energy_reduction": GAMMA} | options)
 
 
 def test_the_areas_are_the_closed_form_and_the_distribution_carries_the_load():
+    """Areas and quantities of both loads are those of the closed form, and the
+    distribution of the last load carries it.
+
+    The slopes of the density are finite differences of the areas by the diffusion.
+    """
     result = solve()
     theory = Theory.of_scene(SCENE, energy_reduction=GAMMA)
     G = GAMMA * MODULUS**2 / 8
@@ -163,6 +172,10 @@ def test_the_areas_are_the_closed_form_and_the_distribution_carries_the_load():
 
 
 def test_areas_that_do_not_add_up_show_in_the_residual(monkeypatch):
+    """The residual "area" is what the areas lack of 1, here because of a wrong elastic
+    area.
+    """
+
     def wrong_areas(*arguments):
         """Return the areas of `areas` with 1.5 times the elastic area."""
         exact = areas(*arguments)
@@ -174,6 +187,9 @@ def test_areas_that_do_not_add_up_show_in_the_residual(monkeypatch):
 
 
 def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure():
+    """A flat surface has the elastic area 1, no gap, and one pressure, the mean
+    pressure.
+    """
     flat = Scene(Surface(np.zeros((8, 8)), (1.0, 1.0)), METAL, Load(1e9))
     result = solve(flat, spectrum="surface")
     assert result.final.areas["raw"].elastic == 1
@@ -201,6 +217,11 @@ def test_a_flat_surface_is_in_full_contact_at_the_mean_pressure():
     ],
 )
 def test_scenes_and_options_that_are_refused(change, options, words):
+    """The theory raises InvalidScene with `words` for a scene or option that it cannot
+    solve.
+
+    `change` are fields of the scene, and `options` those of persson.solve.
+    """
     with pytest.raises(InvalidScene, match=words):
         solve(replace(SCENE, **change), **options)
 
@@ -212,6 +233,12 @@ def theory():
 
 
 def test_the_magnification_curve_begins_and_ends_right(theory):
+    """The areas begin with full contact at magnification 1 and end with those of the
+    result.
+
+    The plastic area only grows, the contact area only falls; beyond the last
+    magnification nothing changes, and below 1 InvalidScene is raised.
+    """
     curve = theory.magnification_curve(12.5e9)
     final = solve().final.areas["raw"]
     assert curve.magnification.size == 1000
@@ -230,6 +257,9 @@ def test_the_magnification_curve_begins_and_ends_right(theory):
 
 
 def test_a_pressure_curve_at_a_magnification(theory):
+    """A pressure curve ends at the areas of the magnification curve, and its density
+    holds the elastic area.
+    """
     curve = theory.pressure_curve(12.5e9, 4.0)
     at_four = theory.magnification_curve(12.5e9, [4.0])
     ends = [curve.cumulative[-1], curve.plastic]
@@ -241,6 +271,12 @@ def test_a_pressure_curve_at_a_magnification(theory):
 
 @pytest.mark.parametrize("reduction", PUBLISHED, ids=str)
 def test_a_rule_at_its_ends(reduction):
+    """Each rule of the energy reduction has its published factor at the area 1/2 and
+    gamma at 0.
+
+    The reduced diffusion is gamma tau without contact and tau in full contact, and
+    arrays have the values of their elements. `reduction` is the rule with its gamma.
+    """
     assert_allclose(reduction.factor(0.5), PUBLISHED[reduction], rtol=1e-14)
     assert_allclose(reduction.factor(0.0), reduction.gamma)
     assert reduced_diffusion(reduction, 0.0, 1.0) == 0
@@ -260,9 +296,11 @@ def test_a_rule_at_its_ends(reduction):
 @pytest.mark.parametrize("reduction", LOCAL, ids=str)
 @pytest.mark.parametrize("hardness", [math.inf, 150.0])
 def test_the_differential_rules_solve_their_equation(reduction, hardness):
-    """An adaptive quadrature gives int_0^G dG' / S(A(G')) = tau.
+    """An adaptive quadrature gives int_0^G dG' / S(A(G')) = tau, with the factor S and
+    the area A.
 
-    The stepping of the product is of sixth order.
+    The stepping of the product is of sixth order. `hardness` is in GPa, as all
+    pressures here, at a mean pressure of 12.5.
     """
 
     def rate(log_g):
@@ -289,13 +327,22 @@ def test_the_differential_rules_solve_their_equation(reduction, hardness):
 @settings(max_examples=100, derandomize=True)
 @given(st.floats(-6, 8), st.floats(0.05, 1.0), st.floats(0.01, 4) | st.just(math.inf))
 def test_the_whole_band_rule_solves_its_equation(log_tau, gamma, wall):
+    """The rule "xu" solves G = (gamma + (1 - gamma) A(G)) tau at a mean pressure of 1.
+
+    `log_tau` and `wall` are the decimal logarithms of tau and of the hardness.
+    """
     G = reduced_diffusion(EnergyReduction(gamma, "xu"), 10.0**log_tau, 1.0, 10.0**wall)
     A = areas(G, 1.0, 10.0**wall).total
     assert_allclose(G, (gamma + (1 - gamma) * A) * 10.0**log_tau, rtol=1e-11)
 
 
 def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
-    """Table 1: .0533 in elastic contact with the hardness, .1002 without it."""
+    """The gamma with the area of the paper's elastic body leaves less than 0.8 of its
+    elastic area with hardness.
+
+    Table 1 has .0533 in elastic contact with the hardness, .1002 without it. A negative
+    diffusion, or a load at the hardness, raises InvalidScene.
+    """
     gammas = np.linspace(0.4, 0.8, 401)
     with_hardness = persson.areas(gammas * TAU, 12.5, 150.0).elastic
     without = persson.areas(gammas * TAU, 12.5, math.inf).elastic
@@ -309,7 +356,9 @@ def test_no_gamma_has_both_areas_of_the_paper_s_boundary_elements():
 
 
 def test_full_contact_stores_the_exact_energy_and_the_load_s_work_is_stored():
-    """U_el = (pi/2) E* int q^2 C dq and no gap is left; before, dU_el = -p d(ubar)."""
+    """In full contact U_el = (pi/2) E* int q^2 C dq and no gap is left; before, dU_el =
+    -p d(ubar), the work of the load.
+    """
 
     def integrand(q):
         """Return q^2 C(q) of the spectrum WIDE at q in rad/m."""
@@ -328,8 +377,8 @@ def test_separation_of_one_wave_number_is_the_published_integral():
     """A narrow band at q has ubar = sqrt(pi) q^2 C dq w int_p^inf (dp'/p') [...] e^{-(w
     p'/E*)^2}.
 
-    Written for a step of the spectrum: half of its energy density is at G(x), 0 < x < 1
-    of its slope variance, which the bands resolve.
+    This is written for a step of the spectrum: half of its energy density is at G(x), 0
+    < x < 1 of its slope variance, and the bands of the product resolve the step.
     """
     narrow = SelfAffineSpectrum(0.8, 1e5, 1e5, 1.0001e5, 0.1)
     p = 2e9
@@ -352,7 +401,9 @@ def test_separation_of_one_wave_number_is_the_published_integral():
 
 
 def test_orders_of_the_separation():
-    """Four in the steps of the load, two in the bands."""
+    """The mean separation converges with order four in the steps of the load and two in
+    the bands.
+    """
     made = model(64)
     exact = mean_separation(made, 5e9, 128)
     errors = [abs(mean_separation(made, 5e9, n) - exact) for n in (4, 8, 16)]
@@ -366,7 +417,11 @@ def test_orders_of_the_separation():
 
 
 def test_small_loads_part_the_surfaces_logarithmically():
-    """By Yang and Persson the separation falls by the same amount in each decade."""
+    """The separation falls by the same amount in each decade of light loads, by Yang
+    and Persson.
+
+    The amount over ln 10 is about half the rms height.
+    """
     drop = -np.diff([mean_separation(model(), p) for p in (1e3, 1e4, 1e5)])
     assert_allclose(drop[0], drop[1], rtol=1e-4)
     height = math.sqrt(spectral_moment(WIDE, 0))
@@ -374,6 +429,12 @@ def test_small_loads_part_the_surfaces_logarithmically():
 
 
 def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
+    """A lower hardness leaves a smaller gap, and flattens short waves more than long
+    ones, by 1 - (plastic load fraction)^6.
+
+    A great hardness is the elastic body, and a load at the hardness raises
+    InvalidScene.
+    """
     p = 12.5e9
     made = model(128, 75e9)
     gaps = [mean_separation(model(128, h), p) for h in (math.inf, 150e9, 75e9, 40e9)]
@@ -398,11 +459,11 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
 
 @pytest.mark.parametrize("kappa", [0.5, 2.0])
 def test_the_self_similar_solution_with_second_order(kappa):
-    """A wall at Y = sqrt(2 kappa G): Q = (Y_0/Y) x exp(-kappa x^2/2), A_pl = Q(1) /
-    kappa.
+    """`evolve` has second order for a hardness that rises as Y = sqrt(2 kappa G).
 
-    It solves dQ/dG = d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa
-    A_pl and dA_pl/dG = J(1), and keeps the force Y (int x Q dx + A_pl).
+    There Q = (Y_0/Y) x exp(-kappa x^2/2) and A_pl = Q(1) / kappa. It solves dQ/dG =
+    d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa A_pl and dA_pl/dG
+    = J(1), and keeps the force Y (int x Q dx + A_pl).
     """
     plastic = math.exp(-kappa / 2) / kappa
     errors = []
@@ -420,6 +481,9 @@ def test_the_self_similar_solution_with_second_order(kappa):
 
 
 def test_constant_hardness_is_the_closed_form():
+    """A hardness that is the same at all magnifications gives the areas of the closed
+    form to 1e-6.
+    """
     found = hardness_curve(ROUGH, 12.5e9, constant_law)
     curve = replace(ROUGH, hardness=150e9).magnification_curve(
         12.5e9, found.areas.magnification
@@ -430,6 +494,11 @@ def test_constant_hardness_is_the_closed_form():
 
 
 def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
+    """Areas for a hardness that grows with magnification converge with second order,
+    keep the force to 1e-10 and do not oscillate behind a kink.
+
+    A surface and its spectrum agree within 15 %.
+    """
     sizes = [(n, n // 2) for n in (128, 256, 512, 1024)]
     found = [hardness_curve(ROUGH, 12.5e9, law, [16.0, 256.0], size) for size in sizes]
     for name in ("elastic", "plastic"):
@@ -448,11 +517,12 @@ def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
 
 
 def test_a_growing_hardness_leaves_less_plastic_area_than_its_last_value():
-    """The lower caps on the way leave less spread of the pressures, d<p^2> = 2 A_el dG.
+    """A hardness that grows with magnification leaves less plastic area than its last
+    value.
 
-    The pressures are a martingale under either wall; the one that was capped earlier is
-    the smaller in convex order, and so is what it has at the common cap.  They carry
-    the load.
+    The lower hardness on the way leaves less spread of the pressures, d<p^2> = 2 A_el
+    dG. The pressures are a martingale under either hardness; the one that was capped
+    earlier is the smaller in convex order, also at the common cap. Both carry the load.
     """
     found = hardness_curve(ROUGH, 12.5e9, law)
     kept = areas(found.areas.diffusion, 12.5e9, found.hardness)
@@ -484,5 +554,10 @@ def test_a_growing_hardness_leaves_less_plastic_area_than_its_last_value():
     ],
 )
 def test_hardnesses_that_are_refused(theory, hardness, arguments, words):
+    """`hardness_curve` raises InvalidScene with `words`.
+
+    `hardness` is a function of the magnification in Pa, and `arguments` are
+    magnifications and the numbers of cells and steps.
+    """
     with pytest.raises(InvalidScene, match=words):
         hardness_curve(theory, 12.5e9, hardness, *arguments)

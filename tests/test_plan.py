@@ -34,19 +34,25 @@ def solved(case):
 
 
 def with_areas(result, corrected, error):
-    """A result with other areas in contact, none of them plastic."""
+    """Return a result whose corrected area and error of the area (fractions of the
+    nominal area) are replaced, with no plastic area.
+    """
     areas = {"corrected": Areas(corrected, 0.0, 0.0), "error": Areas(error, 0.0, 0.0)}
     areas = result.final.areas | areas
     return replace(result, steps=(replace(result.final, areas=areas),))
 
 
 def mean_total(answer):
-    """Return the mean corrected contact area of results."""
+    """Return the mean corrected contact area of results, a fraction of the nominal
+    area.
+    """
     return float(np.mean([r.final.areas["corrected"].total for r in answer.results]))
 
 
 def true_total(case):
-    """The area of a closed form, or that of the case's own fine grid."""
+    """Return the contact area of a case's closed form, or that of its own fine grid, as
+    a fraction of the nominal area.
+    """
     gates = (g.against for g in case.gates if g.quantity == "area.total.corrected")
     scene = case.scene(case.recipes[0])
     against = next(gates, "")
@@ -56,7 +62,7 @@ def true_total(case):
 
 
 def pilot(n, error, total=0.1):
-    """Return a pilot on n x n points with a relative error and a total area.
+    """Return a pilot solution on n x n points with a relative error and a total area.
 
     Its work is 30 FFT pairs.
     """
@@ -65,6 +71,11 @@ def pilot(n, error, total=0.1):
 
 @pytest.mark.parametrize(("ratio", "order"), [(2**1.5, 1.5), (0.9, 1), (16.0, 2)])
 def test_errors_are_carried_by_their_observed_order_within_1_to_2(ratio, order):
+    """The error on a finer grid follows the observed order of two pilots, limited to 1
+    and 2.
+
+    `ratio` is that of the pilots' errors, and `order` the order that is used.
+    """
     known = [pilot(64, 0.08), pilot(128, 0.08 / ratio)]
     assert pilots.estimate_error(known, (512, 512)) == pytest.approx(
         0.08 / ratio / 4**order
@@ -73,6 +84,7 @@ def test_errors_are_carried_by_their_observed_order_within_1_to_2(ratio, order):
 
 
 def test_few_pilots_are_not_taken_at_their_word():
+    """The standard deviation of few surfaces is raised to its upper 80 % limit."""
     spread = [pilot(64, 0.01, total=total) for total in (0.09, 0.10, 0.11)]
     # chi^2(2 degrees, lower 20 %) = -2 ln 0.8
     expected = 0.1 * math.sqrt(2 / (-2 * math.log(0.8)))
@@ -80,6 +92,11 @@ def test_few_pilots_are_not_taken_at_their_word():
 
 
 def test_a_ladder_starts_at_three_points_a_wavelength_and_holds_the_case_s_own_grid():
+    """The grids of the pilots begin with three points in the shortest wavelength and
+    end with the case's, or a finer one.
+
+    A measured surface has its own grid alone.
+    """
     recipe = load_case("rough-capped", "full").recipes[0]
     rungs = grids.ladder(recipe, beyond=False)
     coarse = grids.on_grid(recipe, rungs[0])
@@ -89,13 +106,15 @@ def test_a_ladder_starts_at_three_points_a_wavelength_and_holds_the_case_s_own_g
     measured = HeightsFromArray(
         np.random.default_rng(1).random((32, 32)), (1.0, 1.0), "periodic"
     )
-    assert grids.ladder(measured, beyond=True) == [
-        (32, 32)
-    ]  # heights stay on their own grid
+    assert grids.ladder(measured, beyond=True) == [(32, 32)]
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_section_is_the_line_of_a_one_directional_surface(axis):
+    """A surface that varies along one axis is planned as a line of it.
+
+    `axis` is the index of this axis; other surfaces and lines have no such axis.
+    """
     whole = Sinusoid((1e-3, 2e-3), (64, 96), 1e-6, 2, "xy"[axis])
     assert grids.one_directional(whole) == axis
     line = grids.Section(whole, axis).build()
@@ -121,6 +140,12 @@ def test_a_section_is_the_line_of_a_one_directional_surface(axis):
 def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(
     name, size, tolerance, said
 ):
+    """The area by a plan is within the tolerance of the true one, for less than a tenth
+    of the work.
+
+    `name` and `size` are those of the case, and `said` is a part of the plan's first
+    reason.
+    """
     case = load_case(name, size)
     chosen = plan(case, tolerance, threads=1)
     answer = solved(planned(case, chosen))
@@ -133,6 +158,10 @@ def test_a_plan_keeps_its_promise_and_is_cheaper_than_the_hand_chosen_size(
 
 
 def test_a_plan_refines_where_edges_hold_the_fronts():
+    """A flat punch needs four times the points for a fifth of the tolerance.
+
+    Heights that cannot be refined miss the tolerance, and the plan says so.
+    """
     punch = load_case("punch-disc")
     recipe = punch.recipes[0]
     chosen = plan(punch, 0.02, threads=1)
@@ -152,6 +181,10 @@ def test_a_plan_refines_where_edges_hold_the_fronts():
 
 
 def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
+    """`achieved_error` includes the difference from a grid twice as fine.
+
+    An area 10 % too large with no stated error is found by that.
+    """
     case = load_case("rough-capped")
     chosen = plan(case, 0.02, threads=1)
     answer = solved(planned(case, chosen))
@@ -168,6 +201,11 @@ def test_a_finer_grid_finds_out_a_claim_that_is_too_small():
 def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_more(
     write_case,
 ):
+    """A plan takes as few surfaces as its tolerance allows, the case's first, and then
+    new seeds.
+
+    With `capped` it never takes more points or surfaces than the case.
+    """
     case = load_case(
         write_case(("seeds = [3, 5, 7]", "seeds = [1, 2, 3, 4, 5, 9]")), "full"
     )
@@ -188,10 +226,14 @@ def test_as_few_surfaces_as_the_tolerance_allows_and_new_ones_where_it_needs_mor
 
 
 def test_an_ensemble_s_error_holds_its_scatter(write_case):
+    """The achieved error is the root of the sum of the squares of grid error and
+    scatter, the 95 % interval of the mean of the surfaces.
+    """
     case = load_case(write_case())
     chosen = plan(case.changed(methods=("bem",)), 0.3, threads=1)
     result = bem.solve(case.scene(case.recipes[0]), threads=1)
-    best, error = (result.final.areas[name].total for name in ("corrected", "error"))
+    best = result.final.areas["corrected"].total
+    error = result.final.areas["error"].total
     shifted = tuple(
         with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1)
     )
@@ -203,6 +245,10 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
 
 @pytest.mark.long
 def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
+    """At least 11 of 12 plans with a tolerance of 5 % keep it on new surfaces.
+
+    The true area is the mean of 300 surfaces on a finer grid.
+    """
     case = load_case(write_case(), "full").changed(methods=("bem",))
     first = case.recipes[0]
     kept = 0
@@ -221,6 +267,9 @@ def test_plans_keep_their_promise_on_surfaces_they_have_not_seen(write_case):
 
 
 def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
+    """A plan chooses the theory for a tolerance of 90 % and boundary elements for 2
+    %.
+    """
     case = load_case(write_case())
     loose = plan(case, 0.9, threads=1)
     tight = plan(case, 0.02, threads=1)
@@ -231,13 +280,14 @@ def test_the_theory_stands_in_only_where_it_is_near_enough(write_case):
 
 
 def test_the_map_of_its_error_decides_where_the_theory_stands_in():
-    """Where it misses a tenth of the area it misses three quarters of the plastic
-    spots.
+    """The theory may stand in for the contact area but not for the plastic area, by the
+    map of its errors.
+
+    Where it misses a tenth of the area it misses three quarters of the plastic spots.
     """
     spots = load_case("where-spots")
-    area, plastic = (
-        plan(spots, 0.2, parts=(part,), threads=1) for part in ("total", "plastic")
-    )
+    area = plan(spots, 0.2, parts=("total",), threads=1)
+    plastic = plan(spots, 0.2, parts=("plastic",), threads=1)
     assert (area.method, plastic.method) == ("persson", "bem")
     assert 0.1 < area.expected_error < 0.2
     assert any("off by 0.74 here" in reason for reason in plastic.reasons)
@@ -251,6 +301,7 @@ J2 = (
 
 
 def test_finite_elements_are_given_depth_and_increments(write_case):
+    """A plan of a J2 body chooses depth and load increments of the finite elements."""
     material = ("hardness = 6.0e9", "yield_stress = 2.0e9")
     short = (
         "wavenumber_high = 5.026548245743669e4",
@@ -281,6 +332,12 @@ def test_finite_elements_are_given_depth_and_increments(write_case):
 def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(
     write_case, hardness, tolerance, said
 ):
+    """A plan with boundary elements states whether their hardness can represent a J2
+    body.
+
+    `hardness` is that of the case, in Pa or "effective", and `said` are parts of the
+    reasons in order.
+    """
     strength = ("hardness = 6.0e9", f"hardness = {hardness}\nyield_stress = 2.0e9")
     chosen = plan(load_case(write_case(*J2, strength)), tolerance)
     assert chosen.method == "bem"
@@ -290,6 +347,9 @@ def test_a_plan_with_a_cap_says_whether_it_stands_for_the_j2_body(
 
 
 def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
+    """The size "auto" keeps a grid that a gate needs, and takes a coarser one where
+    gates read only corrected areas.
+    """
     given = load_case("hertz-sphere")
     auto, told = auto_case(given, threads=1)
     assert (auto.recipes, auto.size) == (given.recipes, "auto")
@@ -306,6 +366,9 @@ def test_auto_keeps_what_gates_ask_for_and_makes_corrected_areas_cheaper():
 
 
 def test_what_can_have_no_plan_is_refused():
+    """`plan` raises InvalidCase for a tolerance that is not between 0 and 1, and for a
+    case without a numerical method.
+    """
     for tolerance in (0.0, 1.0, math.nan):
         with pytest.raises(InvalidCase, match="between 0 and 1"):
             plan(load_case("rough-capped"), tolerance)
@@ -314,6 +377,9 @@ def test_what_can_have_no_plan_is_refused():
 
 
 def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case):
+    """A plan of a load path holds for the load with the largest relative error on a
+    coarse grid, here the third of four.
+    """
     path = ("mean_pressure = 5.0e8", "mean_pressure = [5.0e8, 1.0e9, 1.0e8, 0]")
     gate = ('against = "persson"', 'against = 0.1\nsource = "made"')
     case = load_case(write_case(('"persson", "bem"', '"bem"'), gate, path))
