@@ -276,13 +276,20 @@ def test_a_capped_body_unloads_as_an_elastic_one_with_the_surface_left_behind():
 
 
 def test_a_path_may_end_where_nothing_touches():
-    """A flattened J2 body leaves the flat before this is back at its first touch.
+    """A flattened J2 body loses contact at an approach that touched the unloaded body.
 
-    The certificate then has no contact force to divide by.
+    The certificate then has no contact force to divide by. Each load reports the
+    fraction of the path as its progress.
     """
-    steps = fem_check.solve(rough_scene(12, 2), approach=(0.01, 1e-5)).steps
+    progress = Mock()
+    steps = fem_check.solve(
+        rough_scene(12, 2), approach=(0.01, 1e-5), progress=progress
+    ).steps
     assert steps[0].mean_pressure > steps[1].mean_pressure == 0
     assert steps[1].residuals["certified_balance"] < 1e-7
+    reports = [call.args for call in progress.call_args_list]
+    assert reports[1] == (1.0, "fem: mean pressure 0 Pa")
+    assert reports[0][0] == 0.5
 
 
 @pytest.mark.parametrize(("severity", "error"), [(5.0, 0.006), (25.0, 0.015)])
