@@ -48,6 +48,8 @@ def filled_load(solved: SolvedScene) -> float:
 def _fraction_on_filled(solved: SolvedScene, values: NDArray[Any]) -> float:
     """Return the sum of values at the filled points over that at all points.
 
+    It is 0.0 for a surface without filled points.  `values` is an array on the grid.
+
     Raises InvalidCase if the sum over all points is 0, because nothing is in contact.
     """
     if solved.scene.surface.filled is None:
@@ -59,7 +61,15 @@ def _fraction_on_filled(solved: SolvedScene, values: NDArray[Any]) -> float:
 
 
 def filled_notes(steps: Sequence[LoadStep]) -> tuple[str, ...]:
-    """Return a note if more than half of the load is on filled heights at some load."""
+    """Return a note if more than half of the load is on filled heights at some load.
+
+    Args:
+        steps: the load steps of a path, one at least.
+
+    Returns:
+        One sentence for users, with the fraction and the mean pressure; () if no note
+        is needed.
+    """
     fractions = [step.quantities.get("filled_load", 0.0) for step in steps]
     largest = max(fractions)
     if not largest > MOST:

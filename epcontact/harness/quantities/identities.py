@@ -1,8 +1,9 @@
 """Identities between the parts of one result: each must hold whatever the scene is.
 
-A method reports a result several times over: as fields, as figures of them, as a
-distribution and as the steps of a load path.  These quantities are how far two of its
-reports are apart.  A part that a method does not report is not compared.
+A method reports the same result in several forms: as fields, as values that follow from
+the fields, as a distribution and as the steps of a load path.  These quantities are the
+differences of two of these forms.  A form that a method does not report is not
+compared.
 """
 
 from __future__ import annotations
@@ -95,7 +96,12 @@ def measured_figures(solved: SolvedScene) -> float:
 
 
 def _expected_of_gap(solved: SolvedScene) -> dict[str, tuple[float, float]]:
-    """Return the quantities that follow from the gap, each with its scale."""
+    """Return the quantities that follow from the fields of the gap and the pressure.
+
+    Returns:
+        By the name of the quantity, its value (m; the plastic work in J/m²) and the
+        scale by which its error is divided, in the same unit.
+    """
     gap, height = solved.field("gap"), solved.height_scale
     if "plastic_displacement" in solved.result.fields and not solved.flows:
         lowered = solved.field("plastic_displacement")
@@ -201,7 +207,6 @@ def distribution_balance(solved: SolvedScene) -> float:
 
 
 # --- along a load path
-# ---------------------------------------------------------------------------
 
 
 @quantity("–", needs=())
@@ -249,12 +254,23 @@ def path_work(solved: SolvedScene) -> float:
 def _approach_and_energy(
     solved: SolvedScene, load: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the approach (m) and the energy (J/m^2, stored or spent) at each load
-    step.
+    """Return the approach and the energy at each load step of a path.
 
-    The work of flow is that of J2, or the hardness times the mean plastic displacement;
-    if that is not reported, it is the mean gap less the separation.  The elastic theory
-    reports a mean gap alone.
+    The energy is that stored elastically and that spent on flow.  The work of flow is
+    that of J2, or the hardness times the mean plastic displacement.  If this
+    displacement is not reported, it is the mean gap minus the separation.  The elastic
+    theory reports a mean gap alone.
+
+    Args:
+        solved: the scene and its result.
+        load: the mean pressure of each load step, in Pa.
+
+    Returns:
+        The approach of the flat in m and the energy in J/m², two arrays of the shape of
+        `load`.
+
+    Raises:
+        InvalidCase: if a load step lacks one of the quantities.
     """
     if solved.flows:
         stored = _along(solved, "stored_energy")
@@ -276,7 +292,10 @@ def _approach_and_energy(
 
 
 def _along(solved: SolvedScene, name: str) -> FloatArray:
-    """Return a quantity at each load step.  Raises InvalidCase if one lacks it."""
+    """Return a quantity at each load step of a result, as an array in its unit.
+
+    `name` is that in `LoadStep.quantities`.  Raises InvalidCase if a step lacks it.
+    """
     steps = solved.result.steps
     if not all(name in step.quantities for step in steps):
         raise InvalidCase(
@@ -286,7 +305,16 @@ def _along(solved: SolvedScene, name: str) -> FloatArray:
 
 
 def _work(load: FloatArray, approach: FloatArray) -> float:
-    """Return the integral of the load over the approach, branch by branch."""
+    """Return the work of a load path in J/m²: the integral of the load over the
+    approach.
+
+    It is integrated by parts, with Simpson's rule on each branch of rising or falling
+    load.
+
+    Args:
+        load: the mean pressure of each load step, in Pa.
+        approach: the approach of the flat at each load step, in m.
+    """
     from scipy.integrate import simpson  # slow to load
 
     moved = np.append(True, np.diff(load) != 0)  # a repeated load does no work

@@ -18,7 +18,6 @@ from epcontact.reference import roughness
 from epcontact.results import APART, ELASTIC, PLASTIC
 
 # --- the surface: another seed, or the surface turned round, would change these
-# ------------------
 
 
 @quantity("m", needs=())
@@ -48,10 +47,10 @@ def surface_skewness(solved: SolvedScene) -> float:
 
 
 def _summit(solved: SolvedScene) -> tuple[int, ...]:
+    """Return the grid indices of the highest point, one for each axis of the grid."""
     heights = solved.scene.surface.heights
-    return tuple(
-        int(i) for i in np.unravel_index(int(np.argmax(heights)), heights.shape)
-    )
+    indices = np.unravel_index(int(np.argmax(heights)), heights.shape)
+    return tuple(int(index) for index in indices)
 
 
 @quantity("–", needs=(), name="surface_summit_{}", each={"x": "x", "y": "y"})
@@ -64,7 +63,9 @@ def summit(solved: SolvedScene, axis: str) -> float:
 @quantity("1/m", needs=())
 def surface_curvature(solved: SolvedScene) -> float:
     """curvature at the highest point by differences, mean over the axes."""
-    surface, summit, curvatures = solved.scene.surface, _summit(solved), []
+    surface = solved.scene.surface
+    summit = _summit(solved)
+    curvatures = []
     for axis, d in enumerate(surface.spacing):
         beside = [np.roll(surface.heights, shift, axis)[summit] for shift in (1, -1)]
         curvatures.append((2 * surface.heights[summit] - sum(beside)) / d**2)
@@ -72,7 +73,6 @@ def surface_curvature(solved: SolvedScene) -> float:
 
 
 # --- the fields and the distribution
-# -------------------------------------------------------------
 
 
 @quantity("–")
@@ -123,10 +123,8 @@ def measured_raw_plastic(solved: SolvedScene) -> float:
 @quantity("–")
 def measured_carried(solved: SolvedScene) -> float:
     """(int sigma dF + hardness A_pl)/p0 - 1 of the reported distribution."""
-    carried, hardness = (
-        carried_pressure(solved.distribution),
-        solved.scene.material.hardness,
-    )
+    carried = carried_pressure(solved.distribution)
+    hardness = solved.scene.material.hardness
     if math.isfinite(hardness):
         carried += hardness * solved.distribution.plastic
     return (carried - solved.scene.load.final) / solved.load_scale
@@ -140,7 +138,6 @@ def smallest_contact_pressure(solved: SolvedScene) -> float:
 
 
 # --- the interface under load
-# --------------------------------------------------------------------
 
 #: What of a limit a quantity is, by the end of its name.
 _KINDS = {
@@ -170,15 +167,23 @@ Limit = Callable[[SolvedScene], interface.Limit]
 
 
 def _limit(unit: str) -> Callable[[Limit], Limit]:
-    """Add three quantities: what a function of a solved scene returns, raw, and its
-    error.
+    """Return the decorator that adds three quantities of a function to `QUANTITIES`.
+
+    The decorated function returns an `interface.Limit`, a value extrapolated to a
+    vanishing grid spacing.  The three quantities are this value, the value `.raw` on
+    the grid itself, and the estimated absolute `.error`.
+
+    Args:
+        unit: of the three quantities.
     """
 
     def add(measure: Limit) -> Limit:
+        """Add the three quantities of a function, and return the function itself."""
+
         def of_kind(solved: SolvedScene, kind: str) -> float:
-            return float(
-                getattr(solved.once(measure), kind.removeprefix(".") or "corrected")
-            )
+            """Return the value of kind "" (the limit), ".raw" or ".error"."""
+            attribute = kind.removeprefix(".") or "corrected"
+            return float(getattr(solved.once(measure), attribute))
 
         meaning = (measure.__doc__ or "").strip().removesuffix(".")
         of_kind.__doc__ = f"{meaning}, {{}}."
@@ -191,13 +196,11 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
 @_limit("Pa/m")
 def stiffness_loading(solved: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
-    if (
-        solved.flows
-    ):  # a J2 body hardens where it flows, and by how much two more loads tell
+    if solved.flows:
+        # A J2 body hardens where it flows; only two more loads would show how much.
         return interface.Limit(math.nan, math.nan, math.nan)
-    if not (
-        solved.field("state") == PLASTIC
-    ).any():  # all of the contact answers either way
+    if not (solved.field("state") == PLASTIC).any():
+        # Elastic contact is as stiff while the load grows as while it falls.
         return solved.once(stiffness_unloading)
     return interface.interface_stiffness(solved.scene, solved.result, "loading")
 
@@ -219,6 +222,12 @@ def conductance(solved: SolvedScene) -> interface.Limit:
 
 
 def _patches(solved: SolvedScene, part: str) -> Any:
+    """Return the area of each connected patch of contact, an array of fractions of the
+    nominal area.
+
+    `part` is "total" contact, "elastic" or "plastic".  Raises InvalidCase without the
+    field of states.
+    """
     state = solved.field("state")
     masks = {
         "total": state != APART,
@@ -241,7 +250,8 @@ def largest_patch(solved: SolvedScene, part: str) -> float:
 
 
 def _closeness(solved: SolvedScene) -> Any:
-    """Return a field that is the larger the closer the bodies are at a point.
+    """Return a dimensionless field on the grid that is larger where the bodies are
+    closer.
 
     It is the pressure over the largest one where it is between 0 and the hardness; at
     other points the gap over the range of the heights is taken from it.  At the

@@ -32,9 +32,13 @@ from epcontact.scene import Scene
 class Quantity:
     """A scalar that a gate can read.
 
-    `unit` is "–" if it has none.  What the quantity `needs` is checked before anything
-    is solved: "fields" and "J2 flow" of the method, and a finite "hardness" of the
-    scene.  `measure` is None if methods report the quantity.
+    Attributes:
+        name: its name in gates, such as "area.total.raw".
+        unit: "–" if it has none.
+        meaning: a phrase without a final point.
+        needs: what must exist before anything is solved: "fields" or "J2 flow" of the
+            method, or a finite "hardness" of the scene.
+        measure: returns its value on a solved scene; None: methods report it.
     """
 
     name: str
@@ -80,6 +84,7 @@ def quantity(
     """
 
     def add(measure: Callable[..., float]) -> Callable[..., float]:
+        """Add a function to `QUANTITIES`, and return the function itself."""
         meaning = _first_paragraph(measure).removesuffix(".")
         template = f"quantity.{name or measure.__name__}"
         if not each:
@@ -96,65 +101,82 @@ def quantity(
 
 
 def _first_paragraph(function: Callable[..., float]) -> str:
-    """Return the first paragraph of a docstring in one line."""
+    """Return the first paragraph of a function's docstring in one line; "" without."""
     return " ".join((function.__doc__ or "").partition("\n\n")[0].split())
 
 
 def _measure_word(
     measure: Callable[[SolvedScene, str], float], word: str, solved: SolvedScene
 ) -> float:
+    """Return measure(solved, word), the value of a quantity that exists for each of
+    several words.
+    """
     return measure(solved, word)
 
 
 def error_name_of(name: str) -> str:
-    """Return the name of the error that a quantity claims (area.total.error), or ""."""
+    """Return the name of the quantity that is the error estimate of another one.
+
+    This is "area.total.error" for "area.total.corrected".  It is "" if there is none.
+    """
     error = f"{name.removesuffix('.corrected')}.error"
     return error if error in QUANTITIES else ""
 
 
 # --- reading
-# -------------------------------------------------------------------------------------
 
 
 def scalar_quantities(result: ContactResult) -> dict[str, float]:
-    """Return every scalar of the last load step by its name in gates."""
+    """Return every scalar of a result's last load step by its name in gates, such as
+    "area.total.raw", in SI units.
+    """
     final = result.final
-    known = {"mean_pressure": final.mean_pressure}
+    scalars = {"mean_pressure": final.mean_pressure}
     for kind, areas in final.areas.items():
-        known |= {f"area.{part}.{kind}": area for part, area in vars(areas).items()}
+        for part, area in vars(areas).items():
+            scalars[f"area.{part}.{kind}"] = area
     reported = (final.quantities, final.residuals, final.iterations, result.cost)
     for group, values in zip(REPORTED_GROUPS, reported, strict=True):
-        known |= {group + key: float(value) for key, value in values.items()}
-    return known
+        for name, value in values.items():
+            scalars[group + name] = float(value)
+    return scalars
 
 
 def read_quantity(result: ContactResult, name: str) -> float:
-    """Return the scalar called `name` at the last load step of a result, or raise
-    InvalidCase.
+    """Return a scalar at the last load step of a result, in its SI unit.
+
+    `name` is its name in gates.  Raises InvalidCase if the result does not have it.
     """
-    known = scalar_quantities(result)
-    if name not in known:
-        has = ", ".join(sorted(known))
+    scalars = scalar_quantities(result)
+    if name not in scalars:
+        has = ", ".join(sorted(scalars))
         raise InvalidCase(f"{result.method} has no quantity {name!r}; it has {has}")
-    return known[name]
+    return scalars[name]
 
 
 def measure_on(solved: SolvedScene, name: str) -> float:
-    """Measure a quantity, or "l2.<closed form>.<field>": a field's distance from its
-    closed form.
+    """Return the value of a quantity, measured on a solved scene, in its unit.
 
-    Raises InvalidCase if the result lacks what the quantity needs.
+    Args:
+        solved: the scene and its result, with the fields of its last load.
+        name: a key of `QUANTITIES` that is measured; or "l2.FORM.FIELD" for the
+            relative L2 distance of a field from that of the closed form FORM.
+
+    Raises:
+        InvalidCase: if the result lacks what the quantity needs, or if the quantity is
+            not defined for it.
     """
     if name.startswith("l2."):
         _, form, field = name.split(".", 2)
         exact = CLOSED_FORMS[form].field(field, solved.scene)
         return l2_distance(solved.field(field), exact)
-    found = QUANTITIES[name]
-    assert found.measure is not None, f"{name} is reported by the methods, not measured"
-    if "fields" in found.needs:
+    quantity_of_name = QUANTITIES[name]
+    measure_it = quantity_of_name.measure
+    assert measure_it is not None, f"{name} is reported by the methods, not measured"
+    if "fields" in quantity_of_name.needs:
         solved.field("pressure")  # raises InvalidCase if it is missing
     try:
-        return found.measure(solved)
+        return measure_it(solved)
     except InvalidCase as error:  # a gate beside it must not be blamed
         raise InvalidCase(f"{name}: {error}") from error
 
@@ -162,11 +184,25 @@ def measure_on(solved: SolvedScene, name: str) -> float:
 def measure_all(
     names: Collection[str], scene: Scene, result: ContactResult
 ) -> dict[str, float]:
-    """Measure quantities of a result with its fields; common solves run once."""
+    """Return the values of several quantities of a result by their names.
+
+    A linear solve that several quantities need is done once.
+
+    Args:
+        names: see `measure_on`.
+        scene: the scene, whose path ends at the load of the fields.
+        result: the result of the scene, with its fields.
+
+    Raises:
+        InvalidCase: see `measure_on`.
+    """
     solved = SolvedScene(scene, result)
     return {name: measure_on(solved, name) for name in names}
 
 
 def measure(name: str, scene: Scene, result: ContactResult) -> float:
-    """Measure a quantity of a result with its fields; see `measure_on`."""
+    """Return the value of one quantity of a scene's result, which has its fields.
+
+    `name` and the errors are those of `measure_on`.
+    """
     return measure_on(SolvedScene(scene, result), name)

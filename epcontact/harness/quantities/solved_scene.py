@@ -36,6 +36,7 @@ class SolvedScene:
 
     @cached_property
     def _computed(self) -> dict[Any, Any]:
+        """The results of `once`, by the function that computed them; empty at first."""
         return {}
 
     def once(self, compute: Callable[[SolvedScene], Value]) -> Value:
@@ -48,7 +49,10 @@ class SolvedScene:
         return value
 
     def field(self, name: str) -> FloatArray:
-        """Return a field on the grid of the scene.
+        """Return a field of the result, an array on the grid of the scene.
+
+        `name` is that in `ContactResult.fields`, such as "pressure" in Pa, "gap" in m
+        or "state" (APART, ELASTIC or PLASTIC).
 
         Raises InvalidCase if the result has no such field, or one on another grid.
         """
@@ -67,7 +71,10 @@ class SolvedScene:
 
     @cached_property
     def pressure(self) -> FloatArray:
-        """The pressure field in Pa."""
+        """The pressure of the result at each grid point, in Pa.
+
+        Raises InvalidCase if the result has no pressure.
+        """
         return self.field("pressure")
 
     @property
@@ -83,8 +90,11 @@ class SolvedScene:
 
     @property
     def height_scale(self) -> float:
-        """The rms height in m or, of a flat surface, what p0 sinks a cell of the grid
-        by.
+        """A length in m by which errors of heights and gaps are divided.
+
+        It is the rms height of the surface.  For a flat surface, it is the depth by
+        which the mean pressure p0 indents a cell of the grid: p0 times the spacing over
+        E*.
         """
         surface = self.scene.surface
         if surface.rms_height:
@@ -94,8 +104,10 @@ class SolvedScene:
 
     @property
     def load_scale(self) -> float:
-        """The last mean pressure p0 in Pa, or the largest of the path if it ends
-        without load.
+        """A pressure in Pa by which errors of pressures are divided.
+
+        It is the last mean pressure p0 of the path, or the largest one if the path ends
+        at zero load.
         """
         return self.scene.load.final or max(self.scene.load.path)
 
@@ -114,13 +126,17 @@ class SolvedScene:
 
     @cached_property
     def at_the_cap(self) -> Any:
-        """The mask of the points at which a cap bounds the pressure."""
+        """The mask of the grid points whose pressure is the hardness, a boolean array.
+
+        The comparison allows for rounding of 1e-12 of the hardness.
+        """
         return self.pressure >= self.scene.material.hardness * (1 - _AT_THE_CAP)
 
     @cached_property
     def displacement(self) -> FloatArray:
-        """The elastic displacement that the pressures cause, in m; half-space: of zero
-        mean.
+        """The elastic displacement that the pressures cause at each grid point, in m.
+
+        On a half-space its mean is zero.
         """
         p = self.pressure
         modes = np.fft.rfft(p)
@@ -134,13 +150,14 @@ class SolvedScene:
 
     @cached_property
     def open_gap(self) -> tuple[FloatArray, Any]:
-        """The gap in m over the surface that the load meets, and the mask where it must
-        be zero.
+        """The gap that follows from the pressures, and the mask where it must be zero.
 
-        The mask is that of elastic contact, over which the gap's mean is zero.  Without
-        any, the highest gap of the flowing points is zero, or the lowest of all where
-        nothing touches.  After a path that unloads, the surface is the one that the
-        reported plastic displacement has left, and all contact is elastic.
+        The gap is an array in m on the grid.  The mask is a boolean array, true in
+        elastic contact.  The mean gap over these points is set to zero.  Without
+        elastic contact, the highest gap of the points at the hardness is set to zero;
+        without any contact, the lowest gap.  After a path that unloads, the surface is
+        the one that the reported plastic displacement has lowered, and all contact is
+        elastic.
         """
         heights = self.scene.surface.heights
         flowing = self.at_the_cap
