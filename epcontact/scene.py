@@ -643,7 +643,8 @@ def _module_at(level: int) -> str:
 
 #: Bounds of lengths, pressures and wave numbers in SI units.  Their products and
 #: squares, which the methods form, neither overflow nor underflow between these bounds.
-SMALLEST, LARGEST = 1e-40, 1e40
+SMALLEST = 1e-40
+LARGEST = 1e40
 
 
 def _require(condition: bool, message: str) -> None:

@@ -518,11 +518,11 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
                 sums.area += sign * x * y / 2
                 sums.turn += 0.25 * sign
             held = (links.pinned[one] + links.pinned[other]) / 2
-            own = max(own_fraction, held) * length
-            sums.length += own
-            sums.shared += length - own
-            sums.pinned += held * own
-            sums.at_kink += (links.at_kink[one] + links.at_kink[other]) / 2 * own
+            own_length = max(own_fraction, held) * length
+            sums.length += own_length
+            sums.shared += length - own_length
+            sums.pinned += held * own_length
+            sums.at_kink += (links.at_kink[one] + links.at_kink[other]) / 2 * own_length
             hidden_width = (links.hidden_width[one] + links.hidden_width[other]) / 2
             sums.hidden_zone += hidden_width * length
             sums.released += released * length
@@ -533,12 +533,12 @@ def _add_segments(  # noqa: PLR0915 - many sums over the same segment
             sums.offset += offset
             sums.offset_cos += cos4 * offset
             sums.offset_sin += sin4 * offset
-            doubt = (links.uncertainty[one] + links.uncertainty[other]) / 2
-            sums.uncertainty += doubt * own * (1 - held)
-            variance = doubt * doubt * (1 - held)
+            position_error = (links.uncertainty[one] + links.uncertainty[other]) / 2
+            sums.uncertainty += position_error * own_length * (1 - held)
+            variance = position_error * position_error * (1 - held)
             if released > 0:
                 variance += NARROW**2
-            sums.scatter += variance * own
+            sums.scatter += variance * own_length
         sums.tips += _tip(grid, k, hardness)
 
 
@@ -552,12 +552,18 @@ def _gradient(grid: Any, field: Any, k: Any) -> tuple[float, float, float]:
     grid: the `_Grid` of a block; field: its v or lowered; k: number of the cell, that
     is, of its corner with the largest indices.
     """
-    unit, columns = grid.unit, grid.columns
+    unit = grid.unit
+    columns = grid.columns
+    # Corners 0 to 3 of the cell in the layer for links along x, then along y.
+    a = field[k - columns - unit]
+    b = field[k - unit]
+    c = field[k]
+    d = field[k - columns]
     q = k + grid.layer
-    a, b = field[k - columns - unit], field[k - unit]
-    c, d = field[k], field[k - columns]
-    e, f = field[q - columns - unit], field[q - unit]
-    g, h = field[q], field[q - columns]
+    e = field[q - columns - unit]
+    f = field[q - unit]
+    g = field[q]
+    h = field[q - columns]
     return (b + c - a - d) / 2, (g + h - e - f) / 2, a + b + c + d + e + f + g + h
 
 
@@ -574,15 +580,18 @@ def _peak_width(
     in Pa per spacing at the present load; hardness: in Pa, at the peak load; width: the
     result if no corner flowed under the peak load.
     """
-    lowered, unit, columns = grid.lowered, grid.unit, grid.columns
-    more_x, more_y, total = _gradient(grid, lowered, k)
+    lowered = grid.lowered
+    unit = grid.unit
+    columns = grid.columns
+    flow_slope_x, flow_slope_y, total = _gradient(grid, lowered, k)
     if total == 0:
         return width
     least = min(lowered[k], lowered[k - unit])
     least = min(least, lowered[k - columns], lowered[k - columns - unit])
     if least > 0:
         return math.inf
-    return hardness / max(math.hypot(slope_x + more_x, slope_y + more_y), 1e-150)
+    slope = math.hypot(slope_x + flow_slope_x, slope_y + flow_slope_y)
+    return hardness / max(slope, 1e-150)
 
 
 @inlined
@@ -597,8 +606,11 @@ def _tip(grid: Any, k: Any, hardness: float) -> float:
 
     grid: the `_Grid` of a block; k: number of the point; hardness: in Pa.
     """
-    unit, columns, layer = grid.unit, grid.columns, grid.layer
-    v, state = grid.v, grid.state
+    unit = grid.unit
+    columns = grid.columns
+    layer = grid.layer
+    v = grid.v
+    state = grid.state
     apart = 0
     for row in (k - columns, k, k + columns):
         apart += (state[row - unit] == 0) + (state[row] == 0) + (state[row + unit] == 0)
@@ -629,7 +641,10 @@ def _add_hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) 
     changes less than across it, by ALIKE; if it is 0 there, the gap shows.  A lone
     point may be on a wedge.
     """
-    unit, columns, layer, v = grid.unit, grid.columns, grid.layer, grid.v
+    unit = grid.unit
+    columns = grid.columns
+    layer = grid.layer
+    v = grid.v
     sums = out[0]
     low = 0
     for k in elastic[:count]:  # without branches, hard to foresee
@@ -643,9 +658,13 @@ def _add_hidden(grid: Any, elastic: Any, count: int, hardness: float, out: Any) 
         around = 0.0
         area = 0.0
         for axis in range(2):
-            q, across, along = k, columns, unit
+            q = k
+            across = columns
+            along = unit
             if axis == 1:
-                q, across, along = k + layer, unit, columns
+                q = k + layer
+                across = unit
+                along = columns
             before = v[q - across]
             after = v[q + across]
             if here > min(before, after):

@@ -296,7 +296,10 @@ def add_row(near: Any, row: Any, tap: Any) -> None:
     before the first of the RUN points; tap: (2 REACH + 1,) symmetric row of the
     stencil.
     """
-    c0, c1, c2, c3 = tap[3], tap[2], tap[1], tap[0]
+    c0 = tap[3]  # the centre; c1 to c3 are those of points 1 to 3 columns away
+    c1 = tap[2]
+    c2 = tap[1]
+    c3 = tap[0]
     for t in range(_RUN):
         at = _UINT(t)
         near[t] += (
