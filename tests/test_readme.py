@@ -212,7 +212,8 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     clean, faulty = (trial_map(n, holes=n > 0)[:120, :90] for n in (0, 25))
     outputs = {}
     for name, heights in (("clean", clean), ("faulty", faulty)):
-        (folder := tmp_path / name).mkdir()
+        folder = tmp_path / name
+        folder.mkdir()
         np.savetxt(folder / "joint.csv", heights.T, delimiter=";", fmt="%.5f")
         (folder / "joint.toml").write_text(case[0])
         outputs[name] = run(["bash", "-ec", lines[0]], folder)
@@ -225,13 +226,12 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
         r"heights are outliers.*: removed, at \(", " ".join(outputs["faulty"].split())
     )
     assert "outliers" not in outputs["clean"]
-    rows, true_rows = (
-        json.loads((tmp_path / name / "results/joint/fast/bem.json").read_text())[
-            "loads"
-        ]
-        for name in ("faulty", "clean")
-    )
-    for row, true in zip(rows, true_rows, strict=True):
+    loads = {}
+    for name in outputs:
+        result = tmp_path / name / "results/joint/fast/bem.json"
+        loads[name] = json.loads(result.read_text())["loads"]
+    rows = loads["faulty"]
+    for row, true in zip(rows, loads["clean"], strict=True):
         area = row["total_area"]
         assert {"grid", "treatment", "hardness"} == area["parts"].keys()
         deviation = abs(area["mean"] - true["total_area"]["mean"])

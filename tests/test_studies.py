@@ -370,9 +370,13 @@ def fits_of_gamma(width, gamma, gamma_elastic):
     """
     fits = []
     for name in theory.AREAS:
-        part, hardness, reduction = "total", math.inf, gamma_elastic
+        part = "total"
+        hardness = math.inf
+        reduction = gamma_elastic
         if name in scenes.PARTS:
-            part, hardness, reduction = name, scenes.HARDNESS, gamma
+            part = name
+            hardness = scenes.HARDNESS
+            reduction = gamma
         diffusion = reduction * scenes.MODULUS**2 / 8
         contact = persson.areas(diffusion, scenes.MEAN_PRESSURE, hardness)
         area = float(getattr(contact, part))

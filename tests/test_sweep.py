@@ -314,17 +314,8 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
     moments = random.Random(7)
     unbroken = sweep.run_sweep(path, output=tmp_path / "whole", jobs=1)
     solved = []
-    command = [
-        sys.executable,
-        "-m",
-        "epcontact",
-        "sweep",
-        path,
-        "--output",
-        output,
-        "--jobs",
-        "2",
-    ]
+    options = ["--output", output, "--jobs", "2"]
+    command = [sys.executable, "-m", "epcontact", "sweep", path, *options]
     for _ in range(10):
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -338,9 +329,8 @@ def test_a_sweep_killed_ten_times_ends_like_an_unbroken_one(swept, tmp_path):
         assert "Traceback" not in process.communicate()[1]  # what the workers leave
         solved.append(int(sweep.table(output / "small" / "fast")["solved"].sum()))
     assert solved == sorted(solved)
-    assert solved[0] < len(
-        unbroken.table
-    )  # a quiet machine may be done before the tenth kill
+    # A quiet machine may finish before the tenth kill, but not before the first.
+    assert solved[0] < len(unbroken.table)
     assert solved[-1] >= 10
     resumed = sweep.run_sweep(path, output=output, jobs=2)
     assert resumed.reused == solved[-1]

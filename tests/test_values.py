@@ -41,7 +41,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 def posts():
     """Return a scene of three flat posts of two heights, and its result by BEM."""
     heights = np.full((24, 20), -50e-6)
-    heights[2:4, 3:6], heights[8:12, 10:14], heights[16:21, 2:5] = 3e-6, 0.0, 0.0
+    heights[2:4, 3:6] = 3e-6
+    heights[8:12, 10:14] = 0.0
+    heights[16:21, 2:5] = 0.0
     scene = Scene(Surface(heights, (1.2e-3, 0.8e-3)), METAL, Load(60e6))
     return scene, bem.solve(scene, threads=1)
 
@@ -101,8 +103,10 @@ def order():
     """
     gap = np.full((6, 4), 5.0)
     sunk = np.zeros((6, 4))
-    gap[:, 1], gap[:, 2], gap[2, :], sunk[2, :] = 1.0, 8.0, 0.5, 3.0
-    gap[2, 1:3], sunk[2, 1:3] = (0.4, 8.0), (0.6, 0.0)
+    gap[:, 1] = 1.0
+    gap[:, 2] = 8.0
+    gap[2, :] = (0.5, 0.4, 8.0, 0.5)
+    sunk[2, :] = (3.0, 0.6, 0.0, 3.0)
     scene = Scene(Surface(np.eye(6, 4), (1.0, 1.0)), METAL, Load((2e6, 1e6)))
     step = LoadStep(1e6, {"raw": Areas(0.0, 0.0, 0.0)})
     fields = {"pressure": np.zeros((6, 4)), "gap": gap, "plastic_displacement": sunk}
