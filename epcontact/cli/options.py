@@ -126,7 +126,7 @@ class _Bar(Progress):
     above: Callable[[int, int], RenderableType] | None = None
 
     def get_renderables(self) -> Iterator[RenderableType]:
-        """Yield the table above the bar, if there is one, and then the bar itself.
+        """Yield the table of `self.above`, if there is one, and then the progress bar.
 
         The table may take half of the terminal's lines.
         """

@@ -76,6 +76,8 @@ def run(
     with options.show_progress(settings) as reporting:
         results = run_cases([chosen], reporting)[loaded.id]
     console = open_console()
+    # `_mean_row` in `harness/solving/method_results.py` computes the number behind each
+    # ± of this table, from the errors that `LoadStep.row` in `results.py` lists.
     console.print(tables.results_table(results, console.width))
     tables.print_surface_notes(console, chosen, results)
     for sentence in _sentences_on_models(chosen, results):
@@ -178,7 +180,10 @@ def verify(
         require_links_inside(output)  # the report would refuse them after all solves
 
     def draw(verdict: Verdict) -> None:
-        """Draw the films and the report of a verdict that the options ask for."""
+        """Draw the films and the report of a verdict that the options ask for.
+
+        The options are --fields film and --report of `epcontact verify`.
+        """
         if fields == "film":
             for judged_case in verdict.cases:
                 _draw_films(judged_case.case, output)

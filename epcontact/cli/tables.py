@@ -42,9 +42,11 @@ def loads_table(
 
     A cell "mean ± error" is written by `epcontact.output.loads._cell`.  The error is
     computed from the solved load steps by `_mean_row` in
-    `epcontact/harness/solving/method_results.py`: the root of the sum of squares of the
-    parts that the column "error of the total area by" lists.  The part "scatter" is
-    half the 95 % interval of the mean over the surfaces.
+    `epcontact/harness/solving/method_results.py`: it is the root of the sum of squares
+    of its parts.  Of the area, the column "error of the total area by" lists the parts.
+    The part "scatter" is half the 95 % interval of the mean over the surfaces; the
+    solver reports the other parts for each load (`LoadStep.row` in
+    `epcontact/results.py`).
 
     Args:
         loads: For each name the rows of its loads, from `load_rows`, and the text of

@@ -144,9 +144,12 @@ def binned(
     """Return the density of the pressure in BINS intervals up to the hardness.
 
     Args:
-        distribution: Distribution of the pressure, which must exist.
-        unit: Unit of the pressure in Pa.
+        distribution: Distribution of the pressure in Pa; None fails an assertion.
+        unit: Unit of the columns in Pa, such as 1e9 for GPa.
         names: Names of the columns of pressures and densities.
+
+    Returns:
+        A row for each interval: its pressure, and the density in 1/unit.
     """
     assert distribution is not None
     pressure, density = pressure_density(distribution, BINS, HARDNESS)
