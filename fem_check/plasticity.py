@@ -71,9 +71,9 @@ _ROOT = sqrt(2.0 / 3.0)
 class J2Law(NamedTuple):
     """The law of an elastoplastic material with the yield condition of von Mises (J2).
 
-    Below the yield stress it is linearly elastic.  Without hardening it is the elastic
-    and perfectly plastic solid of figure 1 in Almqvist and Persson, "Multiscale contact
-    mechanics for elastoplastic contacts".
+    Without hardening it is the elastic and perfectly plastic solid in Figure 1 of the
+    paper by Almqvist and Persson, "Multiscale contact mechanics for elastoplastic
+    contacts".  Below the yield stress it is linearly elastic.
 
     Attributes:
         shear_modulus: mu, in Pa.
