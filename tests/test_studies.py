@@ -407,7 +407,7 @@ def test_areas_of_the_theory_give_back_their_gamma():
 
 
 def test_an_area_that_no_gamma_gives_has_no_fit():
-    """The fit to an area fraction of 0.9, which no gamma gives, is NaN."""
+    """The fit of gamma to a total area of 0.9, which no gamma gives, is NaN."""
     ends = ("area_fraction", "area_fraction_low", "area_fraction_high")
     row = dict.fromkeys(ends, 0.9) | {"area": "total"}
     assert np.isnan(theory.fit_gamma(theory.theory_areas(), row)).all()
@@ -463,8 +463,11 @@ def test_pressures_drawn_from_the_theory_have_the_theory_s_ends():
 
 
 def test_limits_of_exact_powers_are_exact():
-    """The limit for an infinitely fine grid is exact if the error is an exact power of
-    the grid spacing.
+    """The limit of a density and of its slope for an infinitely fine grid is exact if
+    the error is an exact power of the grid spacing.
+
+    The invented values are limit + 0.4 n^-order on n points a wavelength, equal for
+    both surfaces.
     """
     for figure, limit in {theory.DENSITY: 0.1, theory.SLOPE: 0.3}.items():
         _, _, order = theory.QUANTITIES[figure]

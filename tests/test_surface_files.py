@@ -75,8 +75,10 @@ def refused(words):
     ],
 )
 def test_every_format_holds_the_same_heights(write, name, kind):
-    """Binary and text files give the same heights and periods; `kind` is the numpy type
-    of the values, which are in micrometres.
+    """Binary and text files give the same heights and periods.
+
+    `name` ends in the format, `kind` is the numpy type of the values, which are in
+    micrometres.
     """
     heights = np.asfortranarray((1e3 * MAP).astype(kind))
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
@@ -90,7 +92,9 @@ def test_every_format_holds_the_same_heights(write, name, kind):
     [("row.npy", MAP[3]), ("row.txt", MAP[3][:, None]), ("column.txt", MAP[3])],
 )
 def test_a_row_or_a_column_is_a_line(write, name, content):
-    """A file with a single row or column of heights is a line with one period."""
+    """A file with a single row or column of heights (`content`) is a line with one
+    period, here 3 m.
+    """
     recipe = HeightsFromFile(write(name, content), (3.0,), 1.0, "refuse")
     assert np.array_equal(recipe.build().heights, MAP[3])
 
@@ -357,8 +361,10 @@ def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
     ],
 )
 def test_instrument_files_are_refused(instrument, topography, options, message):
-    """A contradictory or incomplete file of an instrument is refused with a matching
-    message.
+    """A contradictory or incomplete file of an instrument is refused.
+
+    `topography` is the function that returns what the file holds, `options` are those
+    of the recipe, and `message` is a pattern of the error.
     """
     with refused(message):
         instrument(topography, **options).build()
@@ -412,7 +418,10 @@ def test_periods_by_one_length_or_by_the_pixel(write, map_file):
     ],
 )
 def test_periods_or_units_that_are_no_such_are_refused(map_file, arguments, message):
-    """Missing, contradictory or superfluous periods and a missing unit are refused."""
+    """Missing, contradictory or superfluous periods and a missing unit are refused.
+
+    `arguments` are options of the recipe, and `message` is a pattern of the error.
+    """
     with refused(message):
         HeightsFromFile(**{"path": map_file, "unit": 1.0} | arguments)
 
@@ -564,7 +573,11 @@ def test_what_is_no_height_map_is_refused(heights, message):
     ],
 )
 def test_what_is_no_treatment_is_refused(change, message):
-    """An invalid treatment, period, form or wavelength is refused."""
+    """An invalid treatment, period, form or wavelength is refused.
+
+    `change` replaces options of a valid recipe, and `message` is a pattern of the
+    error.
+    """
     with refused(message):
         replace(GOOD, **change)
 

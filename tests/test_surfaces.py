@@ -94,8 +94,10 @@ def test_amplitudes_are_those_of_the_spectrum(shape, periods, hurst):
 
 @pytest.mark.parametrize(("shape", "periods"), GRIDS)
 def test_a_finer_grid_shows_the_same_surface(shape, periods):
-    """A surface on three times as many points is the band-limited interpolant of the
-    coarse one.
+    """A surface on three times as many points along each side is the band-limited
+    interpolant of the coarse one.
+
+    `shape` is that of the coarse grid, and `periods` are in m.
     """
     coarse = SelfAffine(NARROW, periods, shape, seed=11).build().heights
     finer = tuple(3 * n for n in shape)
@@ -191,7 +193,10 @@ WAVE = Sinusoid((1.0,), (8,), 0.1)
     ],
 )
 def test_recipes_refuse(recipe, change, message):
-    """An invalid parameter of a recipe raises InvalidScene with a matching message."""
+    """An invalid parameter of a recipe raises InvalidScene with a matching message.
+
+    `change` replaces parameters of the valid `recipe`.
+    """
     with pytest.raises(InvalidScene, match=message):
         replace(recipe, **change)
 
@@ -336,8 +341,8 @@ def test_one_period_may_stand_for_both():
 
 @pytest.mark.parametrize("shape", [(8, 8), (7, 9), (8,), (9,)])
 def test_filtering_keeps_the_long_waves_alone(shape):
-    """The filter keeps exactly the modes up to the cut-off, in rad/m, with the mean
-    height.
+    """The filter keeps exactly the modes of white noise up to the cut-off, 2.5 waves
+    per m, with the mean height; `shape` is that of the grid.
     """
     heights = 3 + np.random.default_rng(0).standard_normal(shape)
     surface = Surface(heights, (1.0, 2.0)[: len(shape)])
@@ -410,7 +415,10 @@ def test_two_surfaces_touch_as_the_sum_of_their_heights():
 
 @pytest.mark.parametrize("change", [{"shape": (16, 16)}, {"periods": (1.0, 1.9)}])
 def test_two_surfaces_on_different_grids_are_refused(change):
-    """Surfaces that face each other must have the same shape and periods."""
+    """Surfaces that face each other must have the same shape and periods.
+
+    `change` replaces one of them for the second surface.
+    """
     with pytest.raises(InvalidScene, match="face each other on one grid and period"):
         Facing(FACING.first, replace(FACING.second, **change))
 
@@ -429,8 +437,8 @@ GLASS = Material(70e9, 0.2)
     ],
 )
 def test_two_bodies_have_the_modulus_of_springs_in_series(first, second, compliance):
-    """The combined effective modulus is one over the sum of the compliances (1 - nu^2)
-    / E, in 1/Pa.
+    """The combined effective modulus of two materials is one over the sum of their
+    compliances (1 - nu^2) / E, in 1/Pa; the hardness is that of the first.
     """
     material = combined_material(first, second)
     assert effective_modulus(material) == pytest.approx(1 / compliance, rel=1e-15)

@@ -96,8 +96,10 @@ NU = "material.poisson_ratio"
     ],
 )
 def test_bad_sweep_is_one_sentence(swept, tmp_path, text, sentence):
-    """An invalid table raises InvalidCase in one line that begins with the file,
-    matches `sentence`, and leaves no output folder.
+    """An invalid table of a sweep raises InvalidCase in one line that begins with the
+    file and matches `sentence`, and leaves no output folder.
+
+    `text` is the TOML text below [sweep].
     """
     path = swept(f"\n[sweep]\n{text}\n")
     with pytest.raises(InvalidCase, match=sentence) as refused:

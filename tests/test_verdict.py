@@ -114,6 +114,9 @@ def test_differences_of_known_values(
 def test_a_gate_holds_only_if_the_whole_interval_does(band, values, references, holds):
     """A gate holds if the whole 95 % interval of the deviation is inside of its band,
     not the mean alone; NaN and infinity never hold.
+
+    `band` is the gate, `values` and `references` are one number for each surface,
+    unpaired, and `holds` is the expected judgement.
     """
     assert judge_values(band, values, references, paired=False).holds == holds
 
@@ -241,11 +244,11 @@ TWINS = MethodResults(2 * answer("bem", 0.1).results, ("a", "b"))
     ],
 )
 def test_status_of_a_case(case, given, status, why):
-    """The status of a case with one gate follows from its values: an interval inside
-    the band holds, a scattered one falls short unless the surfaces are paired, and
-    failed or repeated surfaces are an error.
+    """The status of a case with one gate follows from its values.
 
-    `why` is part of the gate's error message.
+    An interval inside the band holds, a scattered one falls short unless the surfaces
+    are paired, and failed or repeated surfaces are an error. `given` holds the results
+    by method, and `why` is part of the gate's error message.
     """
     outcome = judge_case(case, given)
     assert outcome.status == outcome.gates[0].status == status

@@ -242,7 +242,9 @@ def by_spots(mask, C):
     unit_load[0, 0] = mask.size
 
     def displacement(pressure):
-        """Return the displacement of a pressure field."""
+        """Return the displacement of a pressure field on the grid of the mask, by the
+        compliance C of each Fourier mode.
+        """
         return np.fft.irfft2(C * np.fft.rfft2(pressure), mask.shape)
 
     holm = 1 / (2 * radius.sum())

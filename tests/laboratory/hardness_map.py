@@ -350,7 +350,9 @@ def _fit_at(known, weight, change, places):
     """
 
     def columns(at):
-        """Return the columns of the fit by the contact area, (n, 2)."""
+        """Return the two columns of the fit (n, 2) for a table of places: (1 - area)
+        area^-1/4, and the same over 1 + severity / 8.
+        """
         spots = ((1 - at["area"]) * at["area"] ** -0.25).to_numpy()
         return np.column_stack([spots, spots / (1 + at.index.get_level_values(0) / 8)])
 

@@ -64,7 +64,9 @@ QUANTITIES = {"unloading": "conductance", "loading": "stiffness_loading"}
 
 
 def _waves(patch, rng, count=60):
-    """Return random waves of half to all of the highest wave number, of rms slope 1."""
+    """Return `count` random waves on the grid of `patch`, with half to all of the
+    highest wavenumber and an rms slope of 1; `rng` is a numpy generator.
+    """
     x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     square_slope = 0.0
@@ -80,14 +82,16 @@ def _waves(patch, rng, count=60):
 
 
 def _terraces(patch, rng):
-    """Return roughness on two levels whose edge follows long waves."""
+    """Return roughness (the shape of `patch`) on two levels whose edge follows long
+    random waves.
+    """
     coarse = replace(patch, high=3)
     above = _waves(coarse, rng) > rng.uniform(-0.05, 0.05)
     return rng.uniform(0.1, 0.5) * _waves(patch, rng) + rng.uniform(0.01, 0.1) * above
 
 
 def _ripples(patch, rng):
-    """Return two sinusoids in different directions."""
+    """Return two sinusoids in different random directions on the grid of `patch`."""
     x, y = patch.offsets()
     heights = np.zeros(patch.shape)
     for slope in (1.0, rng.choice([0.0, 0.3, 1.0])):
@@ -98,7 +102,9 @@ def _ripples(patch, rng):
 
 
 def _ellipsoids(patch, rng):
-    """Return a few turned elliptic summits."""
+    """Return heights (the shape of `patch`) of a few elliptic summits, turned at
+    random.
+    """
     heights = np.full(patch.shape, -np.inf)
     for _ in range(int(rng.integers(2, 7))):
         along, across = _turned(patch, rng)
@@ -108,7 +114,9 @@ def _ellipsoids(patch, rng):
 
 
 def _rings(patch, rng):
-    """Return one or two flat elliptic rings or discs."""
+    """Return heights (the shape of `patch`) of one or two flat elliptic rings or
+    discs.
+    """
     heights = np.zeros(patch.shape)
     for _ in range(int(rng.integers(1, 3))):
         along, across = _turned(patch, rng)
@@ -122,14 +130,16 @@ def _rings(patch, rng):
 
 
 def _pyramids(patch, rng):
-    """Return a pyramid with a flat top."""
+    """Return heights (the shape of `patch`) of a pyramid with a flat top."""
     along, across = _turned(patch, rng)
     distance = np.maximum(np.abs(along), np.abs(across) * rng.uniform(0.7, 1.5))
     return -rng.uniform(0.1, 0.8) * np.maximum(distance - rng.uniform(0.05, 0.3), 0)
 
 
 def _grooves(patch, rng):
-    """Return roughness with parallel grooves of triangular section."""
+    """Return roughness (the shape of `patch`) with parallel grooves of triangular
+    section; lengths are over the period, and `rng` is a numpy generator.
+    """
     a, b = rng.choice([[2, 0], [1, 2], [3, 3], [0, 4]])
     x, y = patch.offsets()
     across = np.abs((a * x + b * y + rng.uniform()) % 1 - 0.5)
@@ -139,7 +149,7 @@ def _grooves(patch, rng):
 
 
 def _spikes(patch, rng):
-    """Return roughness with narrow cones."""
+    """Return roughness (the shape of `patch`) with narrow cones."""
     heights = _waves(patch, rng)
     for _ in range(int(rng.integers(3, 30))):
         along, across = _turned(patch, rng)
@@ -150,7 +160,9 @@ def _spikes(patch, rng):
 
 
 def _lapped(patch, rng):
-    """Return waves whose heights above a level are scaled down, with an edge there."""
+    """Return waves (the shape of `patch`) whose heights above a level are scaled down,
+    so that they have an edge at the level.
+    """
     heights = _waves(patch, rng)
     level = rng.uniform(0, 1.5) * heights.std()
     return np.minimum(heights, level + rng.uniform() * (heights - level))
@@ -185,7 +197,9 @@ FITTED_KINDS = {
 
 
 def _along_the_grid(patch, rng):
-    """Return self-affine ridges five times as long as wide, along x or y."""
+    """Return self-affine ridges (the shape of `patch`), five times as long as wide,
+    along x or y.
+    """
     n = patch.shape[0]
     high = patch.high
     k = np.fft.fftfreq(n, 1 / n)
@@ -312,12 +326,16 @@ def fit(measured, start):
     """
 
     def mean_logarithm(centre):
-        """Return the mean logarithm of the errors, given intensity and setback."""
+        """Return the mean logarithm of the errors, given the intensity and the setback
+        of the extrapolation as `centre`.
+        """
         changed = start._replace(intensity=centre[0], setback=centre[1])
         return np.log(relative_errors(measured, changed)["error"] + 0.002).mean()
 
     def loss(logarithms):
-        """Return the mean width of the intervals with a penalty for errors outside."""
+        """Return the mean width of the intervals with a penalty for errors outside,
+        given the logarithms of the random error and the area factor.
+        """
         random_error, area_factor = np.exp(logarithms)
         changed = start._replace(random_error=random_error, area_factor=area_factor)
         rows = np.log(

@@ -146,8 +146,8 @@ def fit(table, start=CONSTANTS):
     used = usable(table)
 
     def misfit(constants):
-        """Return the differences of the rule's logarithmic areas over their scale,
-        (n,).
+        """Return ln(area of the rule / measured area) over its allowed error, (n,), for
+        the constants gamma, b and c.
         """
         found = by_local(table, constants, (25, 4))
         return (np.log(found[used] / area[used])) / scale[used]
