@@ -41,7 +41,11 @@ _SECTIONS = ("surface", "material", "body", "load", "theory", "bem", "fem")
 
 
 def _joined(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the keys of sections by their names, such as "material.hardness"."""
+    """Return the values of the keys of several tables, by names such as
+    "material.hardness".
+
+    `sections` are the tables by their names.
+    """
     joined = {}
     for section, keys in sections.items():
         for name, value in keys.items():
@@ -80,18 +84,21 @@ class SweepTable(Table):
 
     @property
     def size(self) -> int:
-        """The number of points."""
+        """The number of points of this sweep."""
         counts = [len(values) for values in self._values.values()]
         return math.prod(counts) * max(1, len(self.point))
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
+        """Return this table [sweep]; raise ValueError with its first mistake."""
         for mistake in self._mistakes():
             raise ValueError(mistake)
         return self
 
     def _mistakes(self) -> Iterator[str]:
-        """Yield why the table has no points, or contradicts itself."""
+        """Yield a sentence for each mistake of this table [sweep], such as a key that
+        has a value twice, or too many points.
+        """
         listed = self._values
         points = [_joined(point) for point in self.point]
         for name, values in listed.items():
@@ -111,7 +118,10 @@ class SweepTable(Table):
             yield f"it has {self.size} points, but at most {MOST_TASKS} can be kept"
 
     def points(self) -> Iterator[Point]:
-        """Yield the points in the order of the file."""
+        """Yield the points of this sweep in the order of the file.
+
+        Each is a new dictionary of values by their keys, such as "material.hardness".
+        """
         names = self._values.keys()
         for point in self.point or [{}]:
             for values in product(*self._values.values()):

@@ -46,7 +46,13 @@ __all__ = [
 def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
     """Read a case at one size, and check it at all of its sizes.
 
-    Raises InvalidCase, whose arguments are a sentence for each mistake.
+    Args:
+        case: a name, a path or a case from `find_case`.
+        size: "fast", "full" or "large".
+
+    Raises:
+        InvalidCase: if there is no such case or size, or if the case has mistakes.  The
+            arguments of the exception are a sentence for each mistake.
     """
     text = case if isinstance(case, CaseText) else find_case(case)
     if size not in text.sizes:
@@ -58,10 +64,16 @@ def load_case(case: CaseText | Path | str, size: str = "fast") -> Case:
 
 
 def load_cases(texts: Iterable[CaseText | Case], size: str = "fast") -> list[Case]:
-    """Read the cases that are not loaded yet.
+    """Return cases at a size, in their order.
 
-    Raises InvalidCase with the mistakes of all cases; one that variants share is
-    reported for the first of them.
+    Args:
+        texts: cases as their files state them, or loaded cases, which are returned
+            unchanged.
+        size: the size at which the others are loaded.
+
+    Raises:
+        InvalidCase: with the mistakes of all cases.  A mistake that several variants of
+            a file share is reported for the first of them.
     """
     cases: list[Case] = []
     sentences: dict[tuple[Path, str], str] = {}
@@ -116,7 +128,16 @@ def case_at(text: CaseText, point: Mapping[str, Any], size: str) -> Case:
 
 
 def _read(text: CaseText, size: str, *, judged: bool = True) -> Case:
-    """Read a case at a size; `judged`: check its gates, too."""
+    """Return a case at one size, after a check for mistakes.
+
+    Args:
+        text: the case as its file states it.
+        size: one of its sizes.
+        judged: whether its gates are checked, too.
+
+    Raises:
+        InvalidCase: with a sentence for each mistake.
+    """
     context = {"path": text.path, "folder": text.path.parent, "size": size}
     try:
         case = Case.model_validate(at_size(text.tables, size), context=context)
@@ -137,8 +158,9 @@ def _read(text: CaseText, size: str, *, judged: bool = True) -> Case:
 
 
 def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
-    """Yield a sentence for each mistake between the tables of a case, without its
-    gates.
+    """Yield a sentence for each mistake of a case that involves several tables.
+
+    Its gates are not checked here.  `text` gives the name that the case must have.
     """
     if case.id != text.id:
         yield f"case.id is {case.id!r}, but must be the file's name, {text.id!r}"
@@ -156,7 +178,9 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
 
 
 def _method_mistakes(case: Case) -> Iterator[str]:
-    """Yield why a method lacks its table, or has no spectrum."""
+    """Yield a sentence for each method of a case that lacks its table, or that needs an
+    analytic spectrum on a surface without one.
+    """
     kind = getattr(case.surface, "kind", "self_affine")  # an absent file has none
     for name in case.methods:
         table = METHODS[name].table
@@ -177,7 +201,9 @@ def _method_mistakes(case: Case) -> Iterator[str]:
 
 
 def _counterface_mistakes(case: Case) -> Iterator[str]:
-    """Yield why one body of the same E* cannot replace the two bodies of a case."""
+    """Yield a sentence for each reason why the two bodies of a case cannot be replaced
+    by a single one of the same E*; nothing without a counterface.
+    """
     if case.counterface is None:
         return
     if case.body.kind != "half_space":
@@ -259,7 +285,13 @@ def _gate_mistakes(case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
 
 
 def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterator[str]:
-    """Yield why the case cannot answer a gate."""
+    """Yield a sentence for each reason why a case cannot be judged by a gate.
+
+    Args:
+        gate: one of its tables [[gate]].
+        case: the case at one of its sizes.
+        sizes: all of its sizes.
+    """
     for method in (gate.of, gate.against):
         if method in METHODS and method not in case.methods:
             yield f"reads {method}, which case.methods does not name; add it there"
@@ -279,7 +311,9 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
 
 
 def _missing_needs(gate: GateTable, case: Case) -> Iterator[str]:
-    """Yield what the quantity of a gate needs and the case does not have."""
+    """Yield a sentence for each need of a gate's quantity that the case does not meet,
+    such as fields of the method or a finite hardness.
+    """
     if gate.quantity not in QUANTITIES:
         return
     needs = QUANTITIES[gate.quantity].needs
@@ -300,8 +334,11 @@ def _missing_needs(gate: GateTable, case: Case) -> Iterator[str]:
 
 
 def _has_model(gate: GateTable, case: Case) -> bool:
-    """Return whether a case can answer a gate on the difference of J2 flow from a
-    cap.
+    """Return whether a case can be judged by a gate that compares J2 flow with a
+    pressure cap.
+
+    This needs methods with J2 flow, `fem.law = "j2"`, the geometry "gap" (the roughness
+    is the initial gap over a flat block), a finite yield stress and a single load.
     """
     sides = {gate.of}
     if isinstance(gate.against, str):

@@ -26,8 +26,8 @@ _TYPES = re.compile(r"(float|str|int|bool)$|(list|literal)\[")
 
 @functools.cache
 def case_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a case file: the keys of a case, and of its
-    variants.
+    """Return the JSON Schema of a case file, with the keys of a case and of its
+    variants; the same dictionary at each call, which must not be changed.
     """
     schema = Case.model_json_schema()
     of_variant = {
@@ -51,8 +51,8 @@ def case_schema() -> dict[str, Any]:
 
 @functools.cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Return the schema of each table by name, such as "case" or "surface,
-    sinusoid".
+    """Return the JSON Schema of each table of a case file by the table's name, such as
+    "case"; for a kind of surface the name is "surface, sinusoid".
     """
     schema = case_schema()
     tables = {}
@@ -71,8 +71,10 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def key_table() -> list[tuple[str, str, str, str]]:
-    """Return a row for every key of a case file: table, key, default, and the meaning
-    with its unit and the words that it may have.
+    """Return a row for every key of a case file.
+
+    A row has the table, the key, its default ("–": empty; "required"), and its meaning
+    with the unit and the words that it may have.
     """
     rows = []
     for name, table in _tables().items():
@@ -86,13 +88,19 @@ def key_table() -> list[tuple[str, str, str, str]]:
 
 
 def _default(entry: Mapping[str, Any]) -> str:
-    """Return the default of a key; "–" if it is empty."""
+    """Return the default of a key as text; "–" if it is empty.
+
+    `entry` is the JSON Schema of the key.
+    """
     default = entry.get("default")
     return "–" if default in (None, "", [], {}) else str(default)
 
 
 def _meaning(entry: Mapping[str, Any]) -> str:
-    """Return the description of a key and the words that its schema allows."""
+    """Return the description of a key and the words that its schema allows.
+
+    `entry` is the JSON Schema of the key.
+    """
     if "const" in entry:
         return f"kind of surface: {entry['const']}"
     forms = [entry, *entry.get("anyOf", ()), entry.get("items", {})]
@@ -105,7 +113,11 @@ def _meaning(entry: Mapping[str, Any]) -> str:
 
 
 def sentences_of(error: ValidationError) -> list[str]:
-    """Return pydantic's errors as sentences that name the key and what to do."""
+    """Return the mistakes that pydantic found in a case as sentences.
+
+    Each sentence names the key and what it must be.  At most `MOST_REPORTED` mistakes
+    are listed; one more sentence then counts the others.
+    """
     by_key: dict[str, list[Any]] = {}
     errors = error.errors()
     misspelt = [
@@ -126,7 +138,11 @@ def sentences_of(error: ValidationError) -> list[str]:
 
 
 def _meant(location: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the place of the key whose name is closest to an unknown one."""
+    """Return the location of the key that a misspelt key probably means.
+
+    `location` is pydantic's location of the misspelt key: the keys and indices that
+    lead to it.
+    """
     name = closest(str(location[-1]), _keys_beside(location))
     return (*location[:-1], name)
 
@@ -155,7 +171,13 @@ def _sentence(key: str, errors: Sequence[Any]) -> str:
 
 
 def _wrong_value(given: Any, errors: Sequence[Any]) -> str:
-    """Return what is wrong with a value of another type than the key takes."""
+    """Return the end of a sentence on a value of the wrong type, such as " is 'a', but
+    must be a valid number".
+
+    Args:
+        given: the value in the file.
+        errors: pydantic's errors on the key, one at least.
+    """
     location = errors[0]["loc"]
     needs_list = errors[0]["type"] == "list_type"
     if needs_list and isinstance(given, dict) and len(location) == 1:
@@ -173,7 +195,7 @@ def _wrong_value(given: Any, errors: Sequence[Any]) -> str:
 
 
 def _kinds() -> list[str]:
-    """Return the kinds of surfaces."""
+    """Return the words that the key surface.kind may have, such as "sinusoid"."""
     return [
         name.removeprefix("surface, ")
         for name in _tables()
@@ -182,8 +204,11 @@ def _kinds() -> list[str]:
 
 
 def _key_at(location: tuple[Any, ...]) -> str:
-    """Return the key as written in the file: gates count from 1, no names of types or
-    kinds.
+    """Return a key as it is written in the file, such as "gate 1.norm".
+
+    Args:
+        location: pydantic's location of the key.  It counts gates from 0 and contains
+            names of types and kinds of surfaces, which the file does not.
     """
     kinds = _kinds()
     parts = [
@@ -196,7 +221,10 @@ def _key_at(location: tuple[Any, ...]) -> str:
 
 
 def _keys_beside(location: tuple[Any, ...]) -> Mapping[str, Any]:
-    """Return the schema of each key of the table that holds the key at a place."""
+    """Return the JSON Schemas of all keys of one table, by the names of the keys.
+
+    The table is the one of the key at `location`, pydantic's location in the case.
+    """
     if len(location) == 1:
         return {key: {} for key in case_schema()["properties"]}
     name = str(location[0])

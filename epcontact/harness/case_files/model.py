@@ -54,12 +54,14 @@ Size = Literal["fast", "full", "large"]
 
 
 def _registered(name: str) -> str:
+    """Return the name of a method; raise ValueError if it is not registered."""
     if name not in METHODS:
         raise ValueError(f"no method is called {name!r}{nearest(name, METHODS)}")
     return name
 
 
 def _each_once(names: list[str]) -> list[str]:
+    """Return the names of methods; raise ValueError if one of them is repeated."""
     if len(set(names)) < len(names):
         raise ValueError(f"it names {', '.join(names)}; name each method once")
     return names
@@ -118,7 +120,11 @@ class MaterialTable(Table):
     @field_validator("young_modulus", "poisson_ratio", "hardness", "yield_stress")
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        """Check each key by itself, so that the mistakes of all are reported."""
+        """Return the value of one key of [material], checked by itself.
+
+        Each key is checked separately, so that the mistakes of all are reported.
+        Raises InvalidScene, a ValueError, if the value is not physical.
+        """
         if value != "effective":
             valid: dict[str, Any] = {"young_modulus": 1.0, "poisson_ratio": 0.0}
             Material(**{**valid, str(info.field_name): value})
@@ -183,7 +189,7 @@ class GateTable(Table):
 
     @property
     def gate(self) -> Gate:
-        """The gate with its band."""
+        """This table as a `Gate`, with its tolerance or interval as the band."""
         half_width = self.tolerance or 0.0
         low, high = self.between or (-half_width, half_width)
         return Gate(
@@ -200,12 +206,15 @@ class GateTable(Table):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
+        """Return this table [[gate]]; raise ValueError with its first mistake."""
         for mistake in (*self._mistakes_of_band(), *self._mistakes_of_names()):
             raise ValueError(mistake)
         return self
 
     def _mistakes_of_band(self) -> Iterator[str]:
-        """Yield why the gate contradicts itself, cannot fail or cannot hold."""
+        """Yield a sentence for each mistake in the band, the norm, the source or the
+        kind of this gate, such as a band without a finite end.
+        """
         low, high = self.between or (0.0, 0.0)
         if (self.tolerance is None) == (self.between is None):
             yield "give either tolerance or between"
@@ -234,7 +243,9 @@ class GateTable(Table):
             yield "a field, and nothing else, has the norm l2"
 
     def _mistakes_of_names(self) -> Iterator[str]:
-        """Yield which name of the gate is unknown."""
+        """Yield a sentence for each name of this gate that is unknown: its quantity,
+        its reference, or a quantity that its closed form does not have.
+        """
         quantity, against = self.quantity, self.against
         # A user's solver may report quantities of its own.
         reported = METHODS[self.of].source and quantity.startswith(REPORTED_GROUPS)
@@ -256,7 +267,7 @@ class GateTable(Table):
 
 @functools.cache
 def default_gates() -> tuple[GateTable, ...]:
-    """Return the gates of `default_gates.toml`, which every case of a method must
+    """Return the tables of `default_gates.toml`: gates that every case of a method must
     hold.
     """
     text = (files(__package__) / "default_gates.toml").read_text("utf-8")
@@ -264,8 +275,11 @@ def default_gates() -> tuple[GateTable, ...]:
 
 
 def _or_absent(table: Any, validate: Any) -> Any:
-    """Return the recipe of a table [surface], or the error of an absent optional
-    file.
+    """Return the recipe of a table [surface], or a `SurfaceAbsent` if its file is
+    optional and does not exist.
+
+    `validate` is pydantic's function that makes the recipe of the table.  Raises its
+    ValidationError for any other mistake.
     """
     try:
         return validate(table)
@@ -278,9 +292,15 @@ def _or_absent(table: Any, validate: Any) -> Any:
 
 
 def _from_table(kind: type[Any], table: type[Table]) -> PlainValidator:
-    """Return the validator that makes a part of the scene from its table."""
+    """Return pydantic's validator of a field that a table of the case file gives.
+
+    Args:
+        kind: the class of the field's value, such as `Load`.
+        table: the class of the table, whose keys are the arguments of `kind`.
+    """
 
     def validate(given: Any) -> Any:
+        """Return the value of a table.  Raises ValidationError or InvalidScene."""
         return kind(**table.model_validate(given).model_dump())
 
     return PlainValidator(validate, json_schema_input_type=table)
@@ -317,8 +337,8 @@ class Case(Table):
         methods: tuple[str, ...]
 
     def model_post_init(self, context: Any) -> None:
-        """Keep the file and the size of the tables, and what is asked for most
-        often.
+        """Store the path and the size of this case, its id and its methods as plain
+        attributes; pydantic calls this after it has checked the tables.
         """
         self.__dict__.update(
             path=context["path"],
@@ -328,7 +348,9 @@ class Case(Table):
         )
 
     def changed(self, **values: Any) -> Case:
-        """Return a copy in which some fields or properties have other values."""
+        """Return a copy of this case in which the named fields or properties have other
+        values, such as `gates` or `methods`.
+        """
         saved = ("recipes", "options", "gates", *values)
         unchanged = {name: getattr(self, name) for name in saved}
         return self.model_copy(update=unchanged | values)
@@ -337,7 +359,9 @@ class Case(Table):
 
     @cached_property
     def options(self) -> Mapping[str, Mapping[str, Any]]:
-        """The options of each method, by the keys of its table."""
+        """The options of each method of this case: by the method's name, a dictionary
+        by the keys of its table; empty if the method has no table.
+        """
         options = {}
         for name in self.methods:
             table = getattr(self, METHODS[name].table or "", None)
@@ -346,7 +370,10 @@ class Case(Table):
 
     @cached_property
     def skip(self) -> str:
-        """The sentence that says why the case cannot run here, or ""."""
+        """The sentence that says why this case cannot run here, or "".
+
+        It cannot if the file of its surface, a module or a program is missing.
+        """
         if isinstance(self.surface, surfaces.SurfaceAbsent):
             return f"skipped: {self.surface}"
         for name in self.methods:
@@ -356,7 +383,7 @@ class Case(Table):
 
     @cached_property
     def recipes(self) -> tuple[surfaces.Recipe, ...]:
-        """The recipes of the surfaces; none if the case is skipped.
+        """The recipes of the surfaces of this case; none if it is skipped.
 
         Raises InvalidScene if the two bodies have different numbers of surfaces.
         """
@@ -389,8 +416,11 @@ class Case(Table):
 
     @property
     def two_bodies(self) -> dict[str, Any]:
-        """What a result says of its two bodies instead of the one that replaces
-        them.
+        """The properties of the two bodies, by name, for the description of a result.
+
+        The solvers replace both bodies by one of the same E*; these entries describe
+        the original bodies.  Each has `value`, `unit` and `meaning`.  Empty without a
+        counterface.
         """
         other = self.counterface
         if other is None:
@@ -414,7 +444,11 @@ class Case(Table):
 
     @cached_property
     def material(self) -> Material:
-        """The material.  Raises InvalidScene."""
+        """The material that is solved, with Young's modulus and Poisson's ratio of the
+        body that replaces both, and an effective hardness as a number in Pa.
+
+        Raises InvalidScene if the map of the effective hardness does not cover it.
+        """
         values = self.solid.model_dump(include={f.name for f in fields(Material)})
         if values["hardness"] == "effective":
             # A case without its surface is skipped, and nothing asks for its hardness.
@@ -494,13 +528,15 @@ class Case(Table):
 
     @property
     def mapped_hardness(self) -> MappedHardness | None:
-        """The effective hardness at the largest mean pressure; None if it is given."""
+        """The effective hardness at the largest mean pressure of the path; None if the
+        case gives a hardness in Pa or none.
+        """
         return max(self.mapped, key=lambda of_load: of_load.load, default=None)
 
     @property
     def told_hardness(self) -> str:
-        """The effective hardness of each load, in lines, with what is known of the
-        largest; or "".
+        """The effective hardness as text: one line for each load, then remarks on that
+        of the largest load; "" if the hardness is not effective.
         """
         first, _, rest = str(self.mapped_hardness or "").partition("\n")
         yield_stress = self.solid.yield_stress
@@ -548,7 +584,9 @@ class Case(Table):
 
     @cached_property
     def hardness_source(self) -> str:
-        """The effective hardness and what it rests on, in one line; or ""."""
+        """The effective hardness and the source of its map, in one line; "" if the
+        hardness is not effective.
+        """
         mapped = self.mapped_hardness
         if mapped is None:
             return ""
@@ -578,7 +616,7 @@ class Case(Table):
 
     @cached_property
     def not_judged(self) -> tuple[str, ...]:
-        """A sentence for each gate of the case that this size leaves out."""
+        """A sentence for each gate of this case that does not apply to its size."""
         return tuple(
             f"{gate.gate.name} applies to size {' and '.join(gate.sizes)} only"
             for gate in self.gate
@@ -588,7 +626,10 @@ class Case(Table):
     # --- its scenes and its folder
 
     def digest(self, recipe: surfaces.Recipe) -> str:
-        """Return the digest of the scene on a surface, without making the surface."""
+        """Return the SHA-256 of this case's scene on the surface of a recipe.
+
+        The surface itself is not made.
+        """
         return scene_digest(
             recipe.fingerprint,
             recipe.shape,
@@ -599,14 +640,17 @@ class Case(Table):
         )
 
     def folder(self, output: Path) -> Path:
-        """Return the folder of its results: one for each size,
-        `<output>/<case>/<size>`.
+        """Return the folder of this case's results, `<output>/<case>/<size>`.
+
+        `output` is the output folder of the run.
         """
         return output / self.id / self.size
 
     def scene(self, recipe: surfaces.Recipe) -> Scene:
-        """Make the surface and the scene on it.  Raises InvalidScene,
-        NotEnoughMemory.
+        """Make the surface of a recipe, and return this case's scene on it.
+
+        Raises InvalidScene if the scene is not valid, and NotEnoughMemory if the grid
+        is too large for this machine.
         """
         surfaces.require_room(recipe.shape)
         return Scene(recipe.build(), self.material, self.load, self.body)

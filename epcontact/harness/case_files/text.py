@@ -118,7 +118,13 @@ def _find_in(
     """Return the cases of a file of that name, or the one of that id; () if neither is
     there.
 
-    `known` is filled with the cases that are there, by their names.
+    Args:
+        folder: the case files of a folder.
+        name: the name of a file without its ending, or the id of a case.
+        known: the function adds to it the cases that it has read, by their names.
+
+    Raises:
+        InvalidCase: if the file of that name has mistakes; others are ignored.
     """
     for file in folder:
         if case_name(file) == name:
@@ -150,7 +156,11 @@ def find_case(name: str | Path) -> CaseText:
 
 
 def read_cases(path: Path) -> tuple[CaseText, ...]:
-    """Read the case, or the family of cases, in a file.  Raises InvalidCase."""
+    """Return the cases of a file: one case, or one for each table [[variant]].
+
+    Their keys are not checked.  Raises InvalidCase if the file cannot be read, is no
+    TOML, or if a variant has no id of its own.
+    """
     tables = _read(path)
     variants = tables.pop("variant", None)
     if variants is None:
@@ -174,13 +184,15 @@ def read_cases(path: Path) -> tuple[CaseText, ...]:
 
 
 def _id_of(variant: Any) -> Any:
-    """Return what a variant has for its case.id; None if it has none."""
+    """Return the value of the key case.id in a variant, of any type; None without."""
     head = variant.get("case") if isinstance(variant, dict) else None
     return head.get("id") if isinstance(head, dict) else None
 
 
 def _with_size(case: CaseText) -> CaseText:
-    """Return a case.  Raises InvalidCase if it has no size."""
+    """Return the case unchanged.  Raises InvalidCase if it has no size, because its
+    values by size have no size in common.
+    """
     if not case.sizes:
         raise InvalidCase(
             f"{case.where}: the values given by size have no size in common"
@@ -189,6 +201,11 @@ def _with_size(case: CaseText) -> CaseText:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises InvalidCase if it cannot be read, is no regular file, is larger than 1 MiB,
+    or is not TOML in UTF-8.
+    """
     try:
         if path.stat() and not path.is_file():
             raise InvalidCase(f"{path}: is no regular file")
@@ -205,8 +222,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _require_short(text: str) -> None:
-    """Raise ValueError if a number or a key is so long that it takes minutes to
-    read.
+    """Raise ValueError if a number in a TOML text has 300 digits, or a key as many
+    parts: such a text would take minutes to read.
     """
     dots = max(re.sub(r"\d\.\d", "", line).count(".") for line in text.split("\n"))
     if dots > LONGEST or re.search(rf"[\da-fA-F_]{{{LONGEST}}}", text):
@@ -217,7 +234,17 @@ def _require_short(text: str) -> None:
 
 
 def at_size(value: Any, size: str) -> Any:
-    """Return `value` with every table of sizes replaced by its entry for `size`."""
+    """Return a copy of a value in which each table of sizes is replaced by its entry.
+
+    A table of sizes is such as {"fast": 64, "full": 256}.
+
+    Args:
+        value: a value of a TOML file: a number, a text, a list or a table.
+        size: "fast", "full" or "large".
+
+    Raises:
+        KeyError: if a table of sizes has no entry for this size.
+    """
     if _is_size_table(value):
         return value[size]
     if isinstance(value, Mapping):
@@ -228,11 +255,12 @@ def at_size(value: Any, size: str) -> Any:
 
 
 def _is_size_table(value: Any) -> bool:
+    """Return whether a value of a TOML file is a table whose keys are all sizes."""
     return isinstance(value, Mapping) and bool(value) and set(value) <= set(SIZES)
 
 
 def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Yield every table of sizes in a value."""
+    """Yield every table of sizes in a value of a TOML file, however deep inside."""
     if _is_size_table(value):
         yield value
     elif isinstance(value, Mapping | list):
@@ -243,7 +271,18 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
 def _laid_over(
     where: str, tables: Mapping[str, Any], variant: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return tables whose keys are replaced by those of a variant."""
+    """Return the tables of a file with those of a variant laid over them.
+
+    The variant's keys replace those of the same table; see `_with_gate` for gates.
+
+    Args:
+        where: the file and the variant, for messages.
+        tables: the tables of the file, by their names.
+        variant: those of the variant.
+
+    Raises:
+        InvalidCase: see `_with_gate`.
+    """
     laid = dict(tables)
     for name, table in variant.items():
         below = tables.get(name)
@@ -258,10 +297,18 @@ def _laid_over(
 
 
 def _with_gate(where: str, gates: Sequence[Any], gate: Any) -> list[Any]:
-    """Return gates with another one.
+    """Return a list of gates together with a gate of a variant.
 
-    It completes the gate on the same quantity or, if there is none, is added.  Raises
-    InvalidCase if it could complete several.
+    The keys of the variant's gate replace those of the gate on the same quantity.  If
+    there is no such gate, the variant's gate is appended.
+
+    Args:
+        where: the file and the variant, for messages.
+        gates: the tables [[gate]] of the file.
+        gate: a table [[gate]] of the variant.
+
+    Raises:
+        InvalidCase: if several gates are on that quantity.
     """
     quantity = gate.get("quantity") if isinstance(gate, dict) else None
     same = [g for g in gates if isinstance(g, dict) and g.get("quantity") == quantity]

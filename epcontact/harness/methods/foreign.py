@@ -94,15 +94,21 @@ _ARRAYS, _NUMBERS = ("pressure", "gap", "displacement"), ("converged", "residual
 
 
 def is_command(source: str) -> bool:
-    """Return whether a source is a command with placeholders and not
-    `module:function`.
+    """Return whether the source of a solver is a command and not `module:function`.
+
+    A command contains a blank or a brace, as in "./solver {scene} {result}".
     """
     return "{" in source or any(map(str.isspace, source))
 
 
 def require_solver(source: str) -> None:
-    """Raise InvalidCase if a function cannot be imported, or there is no such
-    program.
+    """Check that a solver exists.
+
+    Raises InvalidCase if its function cannot be imported, if its program is not found,
+    or if its command does not contain `{scene}` and `{result}` once each.
+
+    Args:
+        source: `module:function` or a command.
     """
     if not is_command(source):
         _ask(source, None)
@@ -150,16 +156,24 @@ def solve(
 
 @functools.cache
 def _worker(source: str) -> Worker:
-    """Return the process of a solver."""
+    """Return the worker whose process runs the solver of this source; always the same
+    one, so that its module is imported once.
+    """
     return Worker()
 
 
 def _ask(
     source: str, scene: Scene | None, limit: float = math.inf
 ) -> ContactResult | None:
-    """Return what `_solve_here` does in the process of a solver.
+    """Call a solver in its own process and return its unchecked result.
 
-    Raises InvalidCase if the process dies or says why there is no result.
+    Args:
+        source: `module:function` or a command.
+        scene: the scene; None: only import the function, and return None.
+        limit: seconds after which the process is ended.
+
+    Raises:
+        InvalidCase: if the process ends, exceeds the limit, or has no result.
     """
     try:
         answer = _worker(source).call(_solve_here, source, scene, limit=limit)
@@ -174,19 +188,20 @@ def _ask(
 def _checked(
     result: ContactResult, scene: Scene, before: FloatArray | None = None
 ) -> ContactResult:
-    """Return a result with what follows from its pressures.
+    """Return a solver's result with the values that follow from its pressures.
 
-    A result without pressures keeps its areas and other quantities, with a note.
+    A result without pressures keeps its areas and other quantities, with a note that
+    nothing checks them.
 
     Args:
         result: what the solver returned.
         scene: the scene that it was given.
-        before: how far the load before has left the surface lowered, in m; None: by
-            nothing.
+        before: how far the earlier loads have lowered the surface by flow, in m on the
+            grid; None: by nothing.
 
     Raises:
-        InvalidCase: if a part of the result is wrong.
-        NotConverged: if the solver says so.
+        InvalidCase: if the loads, the fields, the residuals or the areas are wrong.
+        NotConverged: if the solver reports that it has not converged.
     """
     loads = [step.mean_pressure for step in result.steps]
     path = list(scene.load.path)
@@ -217,7 +232,7 @@ def _checked(
 def _require_solved(
     converged: Any, residuals: Mapping[str, Any], cost: Any = None
 ) -> None:
-    """Raise what is wrong with the numbers of a solve.
+    """Check the numbers that a solver reports of its solve.
 
     Args:
         converged: what the solver says: 0 or 1.
@@ -244,7 +259,10 @@ def _require_solved(
 
 
 def _with_note(result: ContactResult, names: Collection[str]) -> ContactResult:
-    """Return a result with the note that quantities are unchecked, if there are any."""
+    """Return a copy of a result with a note that some of its quantities are unchecked.
+
+    `names` are the names of these quantities; without any, the result is unchanged.
+    """
     if not names:
         return result
     note = f"{', '.join(sorted(names))}: the solver's word, which nothing here checks"
@@ -257,8 +275,14 @@ def _by_its_pressures(
     """Return a result with the areas, quantities and fields that follow from its
     pressures.
 
-    Other quantities that the package knows stay only if the body flows by J2, as the
-    pressures do not show these; those that it does not know stay with a note.
+    Quantities that the solver reports are kept only if the package cannot compute them:
+    unlisted ones, and for J2 flow those that pressures do not show.  A note lists them.
+
+    Args:
+        result: the result of the solver, with the field "pressure" in Pa.
+        scene: the scene that was solved.
+        before: how far the earlier loads have lowered the surface by flow, in m on the
+            grid; None: by nothing.
     """
     from epcontact.peers.pressure_result import result_of_pressures  # loads solvers
 
@@ -297,8 +321,13 @@ def _by_its_pressures(
 def _with_flowing_part(
     areas: Mapping[str, Areas], state: FloatArray
 ) -> dict[str, Areas]:
-    """Return areas whose plastic part is that of the reported states: pressures do not
-    show which part of the contact has flowed.
+    """Return areas that are divided into elastic and plastic by the reported states.
+
+    Pressures of J2 flow do not show which part of the contact has flowed.
+
+    Args:
+        areas: the areas of each kind, such as "raw", as fractions of the nominal area.
+        state: APART, ELASTIC or PLASTIC at each grid point.
     """
     plastic = float((state == results.PLASTIC).mean())
     elastic_part = 1 - plastic / (areas["raw"].total or 1.0)
@@ -311,15 +340,20 @@ def _with_flowing_part(
 
 
 # --- in the process of the solver
-# ----------------------------------------------------------------
 
 
 def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
-    """Return the result of a solver as plain data: numbers, words and arrays of floats.
+    """Call a solver in this process, which is its own, and return its result.
 
-    A solver may have changed anything in its process, so that its result is checked
-    again where it is used.  The sentence that says why there is no result takes its
-    place.  Without a scene a function is only imported.
+    Args:
+        source: `module:function` or a command.
+        scene: the scene; None: the function is only imported.
+
+    Returns:
+        The result, with plain numbers, words and float arrays on the grid; None without
+        a scene; or, after any error, the sentence that says what went wrong.  A solver
+        may have changed anything in this process, so that the caller checks its result
+        again.
     """
     doing = "cannot be imported ({}); give package.module:function"
     try:
@@ -347,7 +381,11 @@ def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
 
 
 def _checked_fields(result: Any, shape: tuple[int, ...]) -> dict[str, FloatArray]:
-    """Return the fields of a result on a grid, by plain names."""
+    """Return the fields of a solver's result by their names, as new float arrays.
+
+    Raises InvalidCase if the result is no ContactResult, or if a field is not numeric
+    or does not have the given shape of the grid.
+    """
     if not isinstance(result, ContactResult):
         raise InvalidCase(f"no epcontact.ContactResult but {type(result).__name__!r}")
     fields = {}
@@ -368,6 +406,9 @@ def _checked_fields(result: Any, shape: tuple[int, ...]) -> dict[str, FloatArray
 
 
 def _words(source: str) -> list[str]:
+    """Split a command into its words as a shell does.  Raises InvalidCase if a quote is
+    not closed.
+    """
     try:
         return shlex.split(source)
     except ValueError as error:
@@ -375,7 +416,6 @@ def _words(source: str) -> list[str]:
 
 
 # --- commands
-# ------------------------------------------------------------------------------------
 
 
 def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
@@ -425,7 +465,10 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
 
 
 def scene_text(scene: Scene) -> str:
-    """Return a scene as text; floats have the digits that make them exact."""
+    """Return a scene as the text that a command reads, see the module's docstring.
+
+    Each number has enough digits to be read back exactly.
+    """
     surface, material, body = scene.surface, scene.material, scene.body
     strengths = ("young_modulus", "poisson_ratio", "hardness", "yield_stress")
     rows = [
