@@ -253,10 +253,11 @@ def put_clipped(
 ) -> None:
     """Write clip(pressure + x, 0, cap) to p at listed points, and sum by cell.
 
-    cell: (points,) number of each point's cell; sums: (2, cells), overwritten by the
-    sums of the pressure that is cut off and of p (1 - p/cap); p: (nx ny,) pressures of
-    the grid; index: (points,) flat indices of the points; pressure, x: (points,)
-    pressures and their changes; cap: upper bound, in the unit of the pressures.
+    cell: (points,) number of the cell (square of grid points) of each point; sums: (2,
+    cells), overwritten by the sums of the pressure that is cut off and of p (1 -
+    p/cap); p: (nx ny,) pressures of the grid; index: (points,) flat indices of the
+    points; pressure, x: (points,) pressures and their changes; cap: upper bound, in the
+    unit of the pressures.
     """
     sums[:] = 0.0
     for k in range(index.size):
@@ -276,8 +277,8 @@ def spread(
     Returns the sums of the new p and of p (1 - p/cap) with the new p.
 
     p: (nx ny,) pressures of the grid, changed in place; index: (points,) flat indices
-    of the points; cell: (points,) number of each point's cell; factor: (cells,); cap:
-    upper bound, in the unit of the pressures.
+    of the points; cell: (points,) number of the cell (square of grid points) of each
+    point; factor: (cells,); cap: upper bound, in the unit of the pressures.
     """
     total = weight = 0.0
     for k in range(index.size):

@@ -217,10 +217,11 @@ def _require_gradual_along(compliance: FloatArray, direction: str) -> None:
 def start_pressure(given: NDArray[np.floating], shape: tuple[int, ...]) -> FloatArray:
     """Return a user's start pressure in Pa, with -inf where it is exactly 0.
 
+    A point without pressure stays apart: rounding of the load would otherwise bring it
+    into contact.
+
     given: the pressure of the user; shape: that of the heights, which the pressure must
-    have.  A point without pressure
-    stays apart: rounding of the load would otherwise bring it into contact.  Raises
-    InvalidScene if the pressure is not finite or has another shape.
+    have.  Raises InvalidScene if the pressure is not finite or has another shape.
     """
     start = checked_field("start", given, shape, "finite pressures", -math.inf)
     return np.where(start == 0, -math.inf, start)

@@ -162,7 +162,8 @@ def number_cells(
 def sum_cells(cell: Any, sums: Any, values: Any) -> None:
     """Overwrite `sums` (1, cells) by the sum of the values of the points of each cell.
 
-    cell: (points,) number of each point's cell; values: (points,).
+    cell: (points,) number of the cell (square of grid points) of each point; values:
+    (points,).
     """
     sums[:] = 0.0
     for k in range(cell.size):

@@ -303,7 +303,8 @@ def _delta(
 def subtract(cell: Any, values: Any, mean: Any, out: Any) -> None:
     """Write the values minus the mean of their cell to `out`.
 
-    cell: (points,) number of each point's cell; values, out: (points,); mean: (cells,).
+    cell: (points,) number of the cell (square of grid points) of each point; values,
+    out: (points,); mean: (cells,).
     """
     for k in range(cell.size):
         out[k] = values[k] - mean[cell[k]]
@@ -315,10 +316,11 @@ def gather_stencil(
 ) -> None:
     """Apply a 3 x 3 stencil at listed points, and sum the results by cell.
 
-    cell: (points,) number of each point's cell; sums: (1, cells), overwritten; flat:
-    the grid of `MaskedGrid`, one row of LEFT + ny + RIGHT values after the other; ny:
-    columns of the grid; taps: (3, 3) symmetric; index: (points,) flat indices of the
-    points in the grid (nx, ny), ascending; out: (points,), overwritten by the results.
+    cell: (points,) number of the cell (square of grid points) of each point; sums: (1,
+    cells), overwritten; flat: the grid of `MaskedGrid`, one row of LEFT + ny + RIGHT
+    values after the other; ny: columns of the grid; taps: (3, 3) symmetric; index:
+    (points,) flat indices of the points in the grid (nx, ny), ascending; out:
+    (points,), overwritten by the results.
     """
     width = ny + LEFT + RIGHT
     size = flat.size
@@ -350,7 +352,8 @@ def gather_stencil(
 def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float]:
     """Add the shift of each point's cell to `out`; return sum(out) and sum(out other).
 
-    cell: (points,) number of each point's cell; shift: (cells,); out, other: (points,).
+    cell: (points,) number of the cell (square of grid points) of each point; shift:
+    (cells,); out, other: (points,).
     """
     total = product = 0.0
     for k in range(cell.size):
@@ -375,8 +378,9 @@ def dot(a: Any, b: Any) -> float:
 
 @compiled
 def keep_used(s: Any, delta: Any, r: Any) -> float:
-    """Set s to 0 in cells without points, in place; return sum(s r).
+    """Set s to 0 in cells without elastic points, in place; return sum(s r).
 
+    A cell is a square of grid points.
     All arrays are (cells,).  delta: 0 in cells without points, above 0 in others.
     """
     total = 0.0
@@ -392,6 +396,7 @@ def keep_used(s: Any, delta: Any, r: Any) -> float:
 def add_delta(v: Any, delta: Any, d: Any) -> float:
     """Add delta d to v in place; return sum(v d).
 
+    A cell is a square of grid points.
     In cells without points, whose delta is 0, v is set to 0.  All arrays are (cells,).
     """
     total = 0.0
