@@ -64,9 +64,15 @@ def map_of_points(points: FloatArray, path: Path) -> HeightMap:
 
 
 def _grid_indices(values: FloatArray) -> tuple[NDArray[np.intp], float]:
-    """Return the index of each coordinate on an even grid, and the step of the grid.
+    """Return the grid index of each coordinate along one axis, and the grid's spacing.
 
-    The step is 0 if there is no such grid.
+    Args:
+        values: the coordinates of the points along the axis, shape (n,), in any unit
+            and order.
+
+    Returns:
+        The indices from 0, shape (n,), and the spacing in the unit of the coordinates;
+        0 if the coordinates are on no grid of even spacing.
     """
     span = float(np.ptp(values))
     if span == 0:

@@ -42,7 +42,10 @@ class Moments(NamedTuple):
 
 
 def surface_moments(surface: Surface) -> Moments:
-    """Return the moments of a surface or line: exact sums over its Fourier modes."""
+    """Return rms height (m), slope and curvature (1/m) of a surface or line.
+
+    They are exact sums over the Fourier modes of the heights.
+    """
     sums = np.zeros(3)
     for q, variance in _mode_variances(surface):
         q_squared = (q * q).ravel()
@@ -55,7 +58,9 @@ def surface_moments(surface: Surface) -> Moments:
 
 
 def even_moments(heights: FloatArray, spacing: tuple[float, ...]) -> Moments:
-    """Return the moments of heights mirrored at their edges, where nothing jumps then.
+    """Return rms height (m), slope and curvature (1/m) of mirrored heights.
+
+    The heights are mirrored at their edges, so that they have no jumps there.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
@@ -77,7 +82,11 @@ def even_moments(heights: FloatArray, spacing: tuple[float, ...]) -> Moments:
 
 
 def inner_moments(surface: Surface) -> Moments:
-    """Return the moments of a surface without the effect of jumps at its edges."""
+    """Return rms height (m), slope and curvature (1/m) without jumps at the edges.
+
+    If the heights of the surface jump at the edges of the period, the values are those
+    of the mirrored heights, which have no jumps.
+    """
     periodic = surface_moments(surface)
     mirrored = even_moments(surface.heights, surface.spacing)
     edges_jump = periodic.rms_slope > EDGES_SEEN * mirrored.rms_slope
@@ -98,7 +107,7 @@ class Topography(NamedTuple):
 
 
 def topography(surface: Surface) -> Topography:
-    """Return the statistics of a surface's heights.
+    """Return the statistics of the heights of a surface or line.
 
     Example:
         >>> wave = Surface(np.cos(2 * np.pi * np.arange(64) / 64), (2 * np.pi,))
@@ -135,11 +144,11 @@ class RadialSpectrum:
 
 
 def radial_spectrum(surface: Surface) -> RadialSpectrum:
-    """Return the radially averaged spectrum, in rings as wide as the finest spacing of
-    modes.
+    """Return the radially averaged power spectrum of a surface, or that of a line.
 
-    Ring k holds (k - 1/2) w < |q| <= (k + 1/2) w, w = 2 pi / max(Lx, Ly), without q =
-    0.  Empty rings are left out.
+    The Fourier modes are sorted into rings by their wave number |q|.  Ring k holds (k -
+    1/2) w < |q| <= (k + 1/2) w, where w = 2 pi / max(Lx, Ly) is the finest spacing of
+    modes.  The mean height (q = 0) and empty rings are left out.
     """
     width = 2 * math.pi / max(surface.periods)
     highest = math.hypot(*(math.pi / d for d in surface.spacing))
@@ -168,13 +177,14 @@ def radial_spectrum(surface: Surface) -> RadialSpectrum:
 
 
 def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    """Return the height variance of each octave of wave numbers.
+    """Return the variance of the heights of a surface by octaves of wave numbers.
 
     Octave k holds the wave numbers from 2^k to 2^(k+1) times 2 pi over the longest
     period.
 
     Returns:
-        The lowest wave number of each octave in rad/m, and its height variance in m^2.
+        The lowest wave number of each octave in rad/m, and the height variance of each
+        octave in m^2, both of shape (octaves,).
 
     Example:
         >>> heights = 0.1 * np.cos(2 * np.pi * 5 * np.arange(64) / 64)
@@ -192,9 +202,15 @@ def power_by_octave(surface: Surface) -> tuple[FloatArray, FloatArray]:
 
 
 def cumulative_slope_variance(surface: Surface, wavenumber: ArrayLike) -> FloatArray:
-    """Return xi^2(q), the exact sum over the modes of a surface up to wave numbers.
+    """Return xi^2(q), the variance of the slope of all modes up to a wave number.
 
-    The wave numbers are in rad/m, and the result has their shape.
+    Args:
+        surface: a surface or line.
+        wavenumber: q in rad/m, of any shape.
+
+    Returns:
+        The dimensionless variances, exact sums over the Fourier modes, of the shape of
+        `wavenumber`.
     """
     q_given = np.asarray(wavenumber, dtype=np.float64)
     limits, position = np.unique(q_given.ravel(), return_inverse=True)
@@ -285,9 +301,17 @@ def band_pass(
 
 
 def _multiplicity(surface: Surface) -> FloatArray:
-    """Return how many modes of the whole plane each column of the half grid stands for.
+    """Return how many Fourier modes each column of a real transform stands for.
 
-    The half grid is that of a real transform, whose last axis has no negative q.
+    A real transform has no negative wave numbers along its last axis, so that a column
+    stands for itself and its mirror image: 2 modes.  The first column, and the last one
+    of an even grid, stand for 1.
+
+    Args:
+        surface: a surface or line with n points along its last axis.
+
+    Returns:
+        An array of shape (n // 2 + 1,).
     """
     n = surface.shape[-1]
     k = np.arange(n // 2 + 1)
@@ -295,9 +319,15 @@ def _multiplicity(surface: Surface) -> FloatArray:
 
 
 def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield |q| (rad/m) and the part of h_rms^2 (m^2) of each mode of the half grid.
+    """Yield wave numbers and height variances of a surface's Fourier modes.
 
-    They come by blocks of rows, (rows, n // 2 + 1).
+    The modes are those of a real transform, of shape (rows, n // 2 + 1) for n points
+    along the last axis.  They are yielded by blocks of rows, to limit the memory; a
+    line is one row.
+
+    Yields:
+        |q| in rad/m and the part of h_rms^2 in m^2 of each mode, with that of its
+        mirror image at -q.  The variance of the mean height is set to 0.
     """
     modes = ducc0.fft.r2c(surface.heights)
     modes = modes.reshape(-1, modes.shape[-1])
@@ -312,9 +342,15 @@ def _mode_variances(surface: Surface) -> Iterator[tuple[FloatArray, FloatArray]]
 def _wavenumbers(
     shape: tuple[int, ...], periods: tuple[float, ...]
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield |q| (rad/m) on the half grid of a real transform, by blocks of rows.
+    """Yield the wave numbers of a real Fourier transform, by blocks of rows.
 
-    A line is one row.
+    Args:
+        shape: the number of grid points along each direction; a line is one row.
+        periods: the lengths of the period along each direction, in m.
+
+    Yields:
+        The slice of the rows of a block, and |q| in rad/m of its modes, of shape (rows,
+        n // 2 + 1) for n points along the last axis.
     """
     q_last = 2 * math.pi / periods[-1] * np.arange(shape[-1] // 2 + 1)
     size = shape[0] if len(shape) == 2 else 1

@@ -43,9 +43,9 @@ def file_digest(path: Path) -> str:
 
 
 def read_heights(path: Path) -> HeightMap:
-    """Return the heights of a file, which its ending says how to read.
+    """Return the heights of a file, whose ending says how it is read.
 
-    Raises InvalidScene if it cannot be read, or holds no map of heights.
+    Raises InvalidScene if the file cannot be read, or holds no map of heights.
     """
     with _errors_of(path):
         if path.is_dir():
@@ -58,10 +58,14 @@ def read_heights(path: Path) -> HeightMap:
 
 @contextmanager
 def _errors_of(path: Path, problem: str = "", remedy: str = "") -> Iterator[None]:
-    """Turn errors of the system, and of a parser, into InvalidScene.
+    """Return a context manager that turns errors of reading a file into InvalidScene.
 
-    Errors of a parser are left alone without a `problem`, the words that the message of
-    the parser follows.  The `remedy` ends the sentence.
+    Args:
+        path: the file, with which the message begins.
+        problem: what an error of a parser means, such as "is no .npy file"; the message
+            of the parser follows in parentheses.  "": errors of a parser are raised
+            unchanged, and only those of the operating system are turned.
+        remedy: what the user can do, the end of the message; "" for nothing.
     """
     try:
         yield
@@ -84,14 +88,23 @@ def _errors_of(path: Path, problem: str = "", remedy: str = "") -> Iterator[None
 
 
 def _read_npy(path: Path) -> HeightMap:
-    """Return the map of a .npy file; raise InvalidScene if it is damaged."""
+    """Return the heights of a .npy file, transposed so that x is the first axis.
+
+    Raises InvalidScene if the file is damaged or holds other objects than numbers.
+    """
     with _errors_of(path, "is no complete .npy file of numbers"):
         heights = np.lib.format.open_memmap(path, mode="r")
     return HeightMap(heights.T, notes=(AS_PICTURE,) if heights.ndim == 2 else ())
 
 
 def _read_fields(path: Path) -> HeightMap:
-    """Return the surface that a result has left: its heights less the plastic flow."""
+    """Return the surface that a contact has left, from the .vti file of its result.
+
+    The heights (m) are those before the contact less the plastic displacement.
+
+    Raises InvalidScene if the file cannot be read or has no heights, or if it holds a
+    J2 body under load, whose plastic displacement is not known.
+    """
     try:
         file = read_fields(path)
         heights = file.field("heights").astype(np.float64)
@@ -112,7 +125,11 @@ def _read_fields(path: Path) -> HeightMap:
 
 
 def _read_mesh(path: Path) -> HeightMap:
-    """Return the heights z of a mesh whose points lie on a regular grid in x and y."""
+    """Return the heights z of a mesh file (.stl, .ply, .vtu), in the file's unit.
+
+    Raises InvalidScene if the file cannot be read, or if the points of the mesh are on
+    no regular grid in x and y.
+    """
     import meshio
 
     read = getattr(meshio, path.suffix.lower()[1:]).read
@@ -123,7 +140,13 @@ def _read_mesh(path: Path) -> HeightMap:
 
 
 def _read_instrument(path: Path) -> HeightMap:
-    """Return the heights of a file in any format of SurfaceTopography."""
+    """Return the heights of a file in any format of SurfaceTopography.
+
+    The heights are in m if the file gives their unit.
+
+    Raises InvalidScene if SurfaceTopography is not installed or cannot read the file,
+    if the points are on no regular grid, or if an archive is far larger than a map.
+    """
     try:
         from SurfaceTopography import open_topography
     except ImportError:
@@ -154,8 +177,10 @@ def _read_instrument(path: Path) -> HeightMap:
 
 
 def _require_small_archive(path: Path) -> None:
-    """Raise InvalidScene if a zip file unpacks to more than a map of heights does, or
-    than memory holds.
+    """Raise InvalidScene if a zip file is too large once it is unpacked.
+
+    Too large is more than 256 MiB and, in addition, more than a hundred times the
+    size of the file or more than a third of the free memory.
     """
     packed = path.stat().st_size
     with zipfile.ZipFile(path) as archive:

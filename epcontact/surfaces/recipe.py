@@ -40,18 +40,21 @@ class Recipe(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """A text that identifies the heights without making them."""
+        """A text that identifies the heights of this recipe without computing them."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of grid points along each direction."""
+        """Number of grid points of this recipe's surface along each direction."""
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """Lengths of the period along each direction, in m."""
+        """Lengths of the period of this recipe's surface along each direction, in m."""
 
     def build(self) -> Surface:
-        """Make the surface."""
+        """Return the surface with its heights.
+
+        Raises InvalidScene or NotEnoughMemory if the surface cannot be made.
+        """
 
 
 class SurfaceAbsent(InvalidScene):
@@ -65,7 +68,7 @@ def entry(unit: str, meaning: str, **bounds: Any) -> Any:
     """Return the part of an annotation that describes a field.
 
     Args:
-        unit: the unit of the field; empty if it has none.
+        unit: the unit of the field, such as "m"; "" if it has none.
         meaning: what the field is, in a few words.
         bounds: arguments of `pydantic.Field`, such as gt=0.
     """
@@ -81,9 +84,10 @@ def _list_to_tuple(value: Any) -> Any:
 
 
 def _as_lengths(value: Any) -> Any:
-    """Return a single length of a TOML file as a tuple of one, and a list as a tuple.
+    """Return the lengths of a TOML file as a tuple.
 
-    A table, which has other values for other sizes, is not for this field to check.
+    A single number becomes a tuple of one, and a list a tuple.  A dictionary, which has
+    other values for other sizes of a case, is returned unchanged.
     """
     if isinstance(value, list | tuple | dict):
         return _list_to_tuple(value)
@@ -93,7 +97,10 @@ def _as_lengths(value: Any) -> Any:
 def sequence(kind: Any) -> BeforeValidator:
     """Return the part of an annotation that accepts a list of a TOML file.
 
-    `kind` is the type of the items, for the schema.
+    The list becomes a tuple before it is checked.
+
+    Args:
+        kind: the type of the items, for the JSON schema of case files.
     """
     return BeforeValidator(_list_to_tuple, json_schema_input_type=list[kind])
 
@@ -122,6 +129,7 @@ class Fields:
     entries: ClassVar[dict[str, tuple[Any, FieldInfo]]]
 
     def __init_subclass__(cls) -> None:
+        """Collect the entries of a subclass, and list them in its docstring."""
         types = get_type_hints(cls)
         cls.entries = {}
         for name, hint in get_type_hints(cls, include_extras=True).items():
@@ -142,20 +150,42 @@ class Fields:
         cls.__doc__ = "\n".join(lines)
 
     def __post_init__(self) -> None:
+        """Check each field of this recipe by its annotation.
+
+        A number is stored as the type of its field.  Raises InvalidScene if a value is
+        out of its range.
+        """
         for name, (kind, info) in self.entries.items():
             value = _checked(name, getattr(self, name), kind, info, unit_of(self, name))
             set_frozen(self, **{name: value})
 
 
 def unit_of(recipe: Any, name: str) -> str:
-    """Return the unit of the field `name` of a recipe; empty if it has none."""
+    """Return the unit of a field of a recipe, such as "m"; "" if it has none.
+
+    Args:
+        recipe: a recipe of a surface.
+        name: the name of one of its fields.
+    """
     _, info = getattr(recipe, "entries", {}).get(name, (None, None))
     extra = info.json_schema_extra if info else None
     return str(extra["unit"]) if isinstance(extra, dict) else ""
 
 
 def _checked(name: str, given: Any, kind: Any, info: FieldInfo, unit: str) -> Any:
-    """Return a field's value as its annotation asks for it.  Raises InvalidScene."""
+    """Return the value of a field as the type that its annotation asks for.
+
+    Args:
+        name: the name of the field, for messages.
+        given: the value that the user gives.
+        kind: the type of the field.
+        info: its bounds, as of `pydantic.Field`.
+        unit: the unit of the field, "" if it has none, for messages.
+
+    Raises:
+        InvalidScene: The value has another type, is out of its bounds, or is none of
+            the words that are allowed.
+    """
     kinds = get_args(kind) if NoneType in get_args(kind) else (kind,)
     if given is None and NoneType in kinds:
         return None
@@ -184,6 +214,11 @@ class Generated(Fields):
     formula: ClassVar[str]
 
     def __post_init__(self: Any) -> None:
+        """Check the fields of this recipe; a single period counts for both directions.
+
+        Raises InvalidScene if a value is out of its range, or if grid and periods do
+        not fit each other.
+        """
         super().__post_init__()
         shape = self.shape
         periods = self.periods
@@ -195,13 +230,16 @@ class Generated(Fields):
 
     @property
     def fingerprint(self) -> str:
-        """The formula and every field; equal numbers read equal."""
+        """The text that identifies the heights: the formula and every field.
+
+        Equal numbers have equal texts, whether they are integers or floats.
+        """
         return f"{self.formula} {_words(self)}"
 
     def build(self: Any) -> Surface:
-        """Make the surface.
+        """Return the surface of this recipe with its heights.
 
-        Raises NotEnoughMemory if its heights do not fit into memory.
+        Raises NotEnoughMemory if the heights do not fit into memory.
         """
         require_room(self.shape)
         heights = self._heights()
@@ -210,18 +248,25 @@ class Generated(Fields):
         return Surface(heights, self.periods, recipe=self.fingerprint, **about)
 
     def _heights(self) -> FloatArray:
-        """Return the heights in m, of the recipe's shape."""
+        """Return the heights of this recipe in m, of the shape of its grid."""
         raise NotImplementedError
 
     def _about(self) -> dict[str, Any]:
-        """Return those of the surface's `spectrum`, `seed` and `shortest_wavelength`
-        that it has.
+        """Return what this recipe knows of its surface beside the heights.
+
+        The keys may be `spectrum`, `seed` and `shortest_wavelength` (m), arguments of
+        `Surface`.
         """
         return {}
 
 
 def _words(value: Any) -> str:
-    """Return a field, or all fields of a dataclass, as a part of a fingerprint."""
+    """Return a value of a recipe as text, a part of the recipe's fingerprint.
+
+    Args:
+        value: a number, a text, a tuple of values, or a dataclass, of which every field
+            but `kind` is named with its value.
+    """
     if is_dataclass(value):
         # The formula stands for the kind.
         names = [f.name for f in fields(value) if f.name != "kind"]
@@ -241,10 +286,14 @@ def _words(value: Any) -> str:
 def checked_grid(
     given_shape: Any, given_periods: Any
 ) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Return the shape as a tuple of int and the periods (m) as a tuple of float.
+    """Return the shape of a grid as a tuple of int and its periods as one of float.
 
-    Raises InvalidScene if they are not one or two positive numbers each, as many of
-    both.
+    Args:
+        given_shape: numbers of grid points, (nx, ny) or (nx,), at least 2 each.
+        given_periods: as many lengths in m, (Lx, Ly) or (L,), all positive.
+
+    Raises:
+        InvalidScene: A value is none of these, or the two have different lengths.
     """
     try:
         shape = tuple(integer("shape", n, 2) for n in given_shape)
@@ -265,8 +314,13 @@ def checked_grid(
 
 
 def require_room(shape: tuple[int, ...]) -> None:
-    """Raise NotEnoughMemory if the heights of a grid and their modes would not fit into
-    memory.
+    """Raise NotEnoughMemory if a surface would not fit into memory.
+
+    A surface needs 16 bytes for each grid point: 8 for its height and 8 for its Fourier
+    modes.  Below 256 MiB nothing is raised.
+
+    Args:
+        shape: the number of grid points along each direction.
     """
     needed = 16 * math.prod(shape)
     if needed >= SMALL and needed > available_memory():

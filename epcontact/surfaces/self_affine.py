@@ -53,12 +53,16 @@ def grid_shape(
     periods: tuple[float, ...],
     points_per_shortest_wavelength: float,
 ) -> tuple[int, ...]:
-    """Return the grid shape with so many points per shortest wavelength 2 pi / q_1.
+    """Return the shape of the grid that resolves a spectrum by a number of points.
 
     Args:
-        spectrum: the spectrum, whose `wavenumber_high` is q_1.
+        spectrum: the spectrum; its `wavenumber_high` q_1 (rad/m) has the shortest
+            wavelength, 2 pi / q_1.
         periods: (Lx, Ly), or (L,) for a line, in m.
         points_per_shortest_wavelength: more than 2; 4 or 8 are usual.
+
+    Returns:
+        (nx, ny), or (nx,) for a line.
 
     Raises:
         InvalidScene: if a number is not positive, or a period has less than two points.
@@ -105,6 +109,11 @@ class SelfAffine(Generated):
     seed: Annotated[int, entry("", "a whole number; each gives another surface", ge=0)]
 
     def __post_init__(self) -> None:
+        """Check the fields of this recipe.
+
+        Raises InvalidScene if a value is out of its range, if a period is shorter than
+        the longest wave of the spectrum, or if the grid does not resolve the shortest.
+        """
         require_kind("spectrum", self.spectrum, SelfAffineSpectrum)
         super().__post_init__()
         q0 = self.spectrum.wavenumber_low
@@ -124,13 +133,13 @@ class SelfAffine(Generated):
                 )
 
     def _heights(self) -> FloatArray:
-        """Return the heights in m."""
+        """Return the heights of this recipe in m, of the shape of its grid."""
         if len(self.shape) == 1:
             return _line_heights(self)
         return grid_heights(self)
 
     def _about(self) -> dict[str, Any]:
-        """Return spectrum, seed and shortest wavelength for the surface."""
+        """Return spectrum, seed and shortest wavelength (m) of this recipe by name."""
         shortest = 2 * math.pi / self.spectrum.wavenumber_high
         return {
             "spectrum": self.spectrum,
@@ -186,7 +195,10 @@ class SelfAffineEnsemble(Fields):
         self.recipes()  # raises if the spectrum or the grid is wrong
 
     def recipes(self) -> tuple[SelfAffine, ...]:
-        """Return one recipe for each seed."""
+        """Return the recipes of this ensemble: one for each seed.
+
+        Raises InvalidScene if the grid does not resolve the spectrum.
+        """
         spectrum = SelfAffineSpectrum(
             self.hurst,
             self.wavenumber_low,
@@ -208,14 +220,25 @@ class SelfAffineEnsemble(Fields):
 
 
 def _highest_index(wavenumber: float, period: float) -> int:
-    """Return the largest k with 2 pi k / period <= wavenumber, up to BAND_TOLERANCE."""
+    """Return the largest integer k whose wave number 2 pi k / period is in the band.
+
+    Args:
+        wavenumber: the upper limit of the band in rad/m; a wave number that exceeds it
+            by less than one part in a million counts as inside.
+        period: the length of the period in m.
+    """
     return math.floor(wavenumber * period / (2 * math.pi) * (1 + BAND_TOLERANCE))
 
 
 def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArray:
-    """Return uniform phases in [0, 2 pi) of the modes (kx, ky), which are broadcast.
+    """Return random phases of Fourier modes, uniform in [0, 2 pi) rad.
 
-    The absolute values of kx and ky must be below 2^31.
+    The phase of a mode depends only on the seed and the mode.
+
+    Args:
+        seed: a whole number, at least 0.
+        kx, ky: the integers of each mode along x and y, between -2^31 and 2^31.  Their
+            shapes are broadcast to that of the result.
     """
     key = np.random.SeedSequence(seed).generate_state(1, np.uint64)[0]
     low_bits = ky.astype(np.uint64) & np.uint64(0xFFFFFFFF)
@@ -226,7 +249,11 @@ def _phases(seed: int, kx: NDArray[np.int64], ky: NDArray[np.int64]) -> FloatArr
 
 
 def _mix(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return the finaliser of SplitMix64 (Steele, Lea and Flood 2014) of each word."""
+    """Return pseudo-random 64-bit integers, one for each given integer.
+
+    The function is the last step of the generator SplitMix64 (Steele, Lea and Flood
+    2014).  It is one-to-one.
+    """
     word = word + np.uint64(0x9E3779B97F4A7C15)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1)):
         word ^= word >> np.uint64(shift)
@@ -235,7 +262,10 @@ def _mix(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _line_heights(recipe: SelfAffine) -> FloatArray:
-    """Return the heights (nx,) of the recipe of a line, in m."""
+    """Return the heights (nx,) of a self-affine line in m.
+
+    Their rms slope is exactly that of the recipe's spectrum.
+    """
     (n,) = recipe.shape
     (period,) = recipe.periods
     spectrum = recipe.spectrum
@@ -250,7 +280,10 @@ def _line_heights(recipe: SelfAffine) -> FloatArray:
 
 
 def grid_heights(recipe: SelfAffine) -> FloatArray:
-    """Return the heights (nx, ny) of the recipe of a surface, in m."""
+    """Return the heights (nx, ny) of a self-affine surface in m.
+
+    Their rms slope is exactly that of the recipe's spectrum.
+    """
     nx, ny = recipe.shape
     modes = np.zeros((nx, ny // 2 + 1), np.complex128)
     slope_variance = _fill_modes(recipe, modes)
@@ -276,8 +309,9 @@ def _fill_modes(recipe: SelfAffine, modes: NDArray[np.complex128]) -> float:
     sqrt(sum q^2 B^2), is exact.
 
     Args:
-        recipe: of a surface.
-        modes: (nx, ny // 2 + 1), as of a real transform of (nx, ny) heights.
+        recipe: the recipe of a surface (nx, ny); its spectrum, periods and seed count.
+        modes: zeros of shape (nx, ny // 2 + 1), as of a real transform of (nx, ny)
+            heights; changed in place.
     """
     spectrum = recipe.spectrum
     qx, qy = (2 * math.pi / period for period in recipe.periods)

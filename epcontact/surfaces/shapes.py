@@ -73,6 +73,11 @@ class Sinusoid(Generated):
     kind: Literal["sinusoid"] = field(default="sinusoid", kw_only=True)
 
     def __post_init__(self) -> None:
+        """Check the fields of this sinusoid.
+
+        Raises InvalidScene if a field is out of its range, if a line has waves along y,
+        or if a wave has two grid points or fewer.
+        """
         super().__post_init__()
         if self.direction != "x" and len(self.shape) == 1:
             raise InvalidScene(
@@ -87,11 +92,11 @@ class Sinusoid(Generated):
 
     @property
     def _axes(self) -> tuple[int, ...]:
-        """The axes along which there are waves."""
+        """The axes along which this surface has waves: 0 for x, 1 for y."""
         return {"x": (0,), "y": (1,), "both": (0, 1)}[self.direction]
 
     def _heights(self) -> FloatArray:
-        """Return the heights of the waves in m."""
+        """Return the heights of this sinusoid in m, of the shape of its grid."""
         waves = [np.ones(n) for n in self.shape]
         for axis in self._axes:
             n = self.shape[axis]
@@ -101,7 +106,8 @@ class Sinusoid(Generated):
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _about(self) -> dict[str, Any]:
-        """Return the shortest wavelength in m for the surface."""
+        """Return {"shortest_wavelength": the shortest wavelength of this sinusoid,
+        m}."""
         shortest_period = min(self.periods[axis] for axis in self._axes)
         return {"shortest_wavelength": shortest_period / self.waves}
 
@@ -110,6 +116,11 @@ class _Centred(Generated):
     """The base of shapes about a `centre`, by default the middle of the period."""
 
     def __post_init__(self: Any) -> None:
+        """Check the fields of this shape, and set its centre to fractions in [0, 1).
+
+        Raises InvalidScene if a field is out of its range, or if the centre is not one
+        finite number for each direction.
+        """
         super().__post_init__()
         centre = as_tuple(self.centre) or (0.5,) * len(self.shape)
         expected = f"{len(self.shape)} fractions of the period"
@@ -148,7 +159,7 @@ class Paraboloid(_Round):
     kind: Literal["paraboloid"] = field(default="paraboloid", kw_only=True)
 
     def _heights(self) -> FloatArray:
-        """Return the heights of the parabola in m."""
+        """Return the heights of this paraboloid in m, of the shape of its grid."""
         return squared_distance(self) * (-0.5 / self.radius)
 
 
@@ -169,7 +180,7 @@ class Sphere(_Round):
     kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
     def _heights(self) -> FloatArray:
-        """Return the heights of the sphere in m."""
+        """Return the heights of this half ball in m, of the shape of its grid."""
         # -r^2 / (R + sqrt(R^2 - r^2)) is sqrt(R^2 - r^2) - R without cancellation at
         # the summit.
         within = np.minimum(squared_distance(self), self.radius**2)
@@ -199,16 +210,25 @@ class FlatPunch(_Centred):
     kind: Literal["flat_punch"] = field(default="flat_punch", kw_only=True)
 
     def _heights(self) -> FloatArray:
-        """Return the heights of the punch in m: 0, and -depth outside."""
+        """Return the heights of this punch in m, of the shape of its grid.
+
+        They are 0 on the plateau and -depth around it.
+        """
         outside = squared_distance(self) > self.radius**2 * (1 + _ON_THE_RIM)
         return np.where(outside, -self.depth, 0.0)
 
 
 def squared_distance(recipe: Any) -> FloatArray:
-    """Return the squared distance of grid points to the nearest image of the centre.
+    """Return the squared distance of each grid point to the centre of a periodic shape.
 
-    The result is in m^2, of the recipe's shape.  Of the recipe its `shape`, `periods`
-    (m) and `centre` (fractions of the periods) are used.
+    Of the periodic images of the centre, the nearest one counts.
+
+    Args:
+        recipe: its `shape` (grid points along each direction), `periods` (m) and
+            `centre` (fractions of the periods) are used.
+
+    Returns:
+        The squares in m^2, of the shape of the grid.
     """
     squares = []
     for n, period, centre in zip(

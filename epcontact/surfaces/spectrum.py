@@ -32,12 +32,19 @@ BAND_TOLERANCE = 1e-6
 def amplitude_shape(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int
 ) -> FloatArray:
-    """Return sqrt(f(q)): the amplitudes without their common factor, of the shape of q.
+    """Return the dimensionless amplitudes of the waves of a self-affine spectrum.
+
+    The amplitude is sqrt(f(q)), where f is the power spectral density over its value in
+    the roll-off: 1 up to q_r, (q/q_r)^(-(2 H + dimension)) above, and 0 outside the
+    band.
 
     Args:
-        spectrum: its band, roll-off and Hurst exponent count.
-        wavenumber: q in rad/m, of any shape; outside the band the result is 0.
+        spectrum: its band, roll-off q_r and Hurst exponent H are used.
+        wavenumber: q in rad/m, of any shape.
         dimension: 1 for a line, 2 for a surface.
+
+    Returns:
+        An array of the shape of `wavenumber`.
     """
     q = np.asarray(wavenumber, dtype=np.float64)
     relative = np.maximum(q / spectrum.wavenumber_roll_off, 1.0)
@@ -56,11 +63,11 @@ def density(
 
     Args:
         spectrum: the spectrum.
-        wavenumber: q in rad/m, of any shape.
+        wavenumber: q in rad/m, of any shape, which the result has, too.
         dimension: 1 for a line, 2 for a surface.
 
     Raises:
-        InvalidScene: The band has no width, or the dimension is another.
+        InvalidScene: The band has no width, or the dimension is neither 1 nor 2.
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * amplitude_shape(spectrum, wavenumber, dimension) ** 2
@@ -74,14 +81,18 @@ def spectral_moment(
 ) -> FloatArray:
     """Return the moment m_order of the spectrum, in m^(2 - order).
 
+    The moment of order j is the integral of q^j times the power spectral density over
+    all waves; m_0 is the variance of the heights and m_2 that of the slope.
+
     Args:
         spectrum: the spectrum.
         order: any real number.
         dimension: 1 for a line, 2 for a surface.
-        wavenumber: the moment is taken up to this q in rad/m, of any shape.
+        wavenumber: the waves up to this q (rad/m) count; of any shape, which the result
+            has, too.
 
     Raises:
-        InvalidScene: The band has no width, or the dimension is another.
+        InvalidScene: The band has no width, or the dimension is neither 1 nor 2.
     """
     factor = spectrum.rms_slope**2 / _shape_moment(spectrum, 2, dimension)
     return factor * _shape_moment(spectrum, order, dimension, wavenumber)
@@ -90,10 +101,18 @@ def spectral_moment(
 def slope_variance_up_to(
     spectrum: SelfAffineSpectrum, wavenumber: ArrayLike, dimension: int = 2
 ) -> FloatArray:
-    """Return xi^2(q), the slope variance of all roughness up to a wave number.
+    """Return xi^2(q), the variance of the slope of all roughness up to a wave number.
 
-    It is in m^2/m^2, and 0 below the band; see `spectral_moment` for arguments and
-    errors.
+    Args:
+        spectrum: the spectrum.
+        wavenumber: q in rad/m, of any shape.
+        dimension: 1 for a line, 2 for a surface.
+
+    Returns:
+        The dimensionless variance, of the shape of `wavenumber`; 0 below the band.
+
+    Raises:
+        InvalidScene: The band has no width, or the dimension is neither 1 nor 2.
     """
     return spectral_moment(spectrum, 2, dimension, wavenumber)
 
@@ -104,7 +123,20 @@ def _shape_moment(
     dimension: int,
     wavenumber: ArrayLike = math.inf,
 ) -> FloatArray:
-    """Return the moment of f(q), which is that of C for C_0 = 1."""
+    """Return the moment of f(q), the spectral density over its value in the roll-off.
+
+    Args:
+        spectrum: its band, roll-off and Hurst exponent are used.
+        order: the order j of the moment, the integral of q^j f over all waves.
+        dimension: 1 for a line, 2 for a surface.
+        wavenumber: the waves up to this q (rad/m) count; of any shape.
+
+    Returns:
+        The moment in (rad/m)^(order + dimension), of the shape of `wavenumber`.
+
+    Raises:
+        InvalidScene: The band has no width, or the dimension is neither 1 nor 2.
+    """
     if dimension not in (1, 2):
         raise InvalidScene(
             f"dimension is {dimension!r}, but must be 1 (a line) or 2 (a surface)"
@@ -127,7 +159,13 @@ def _shape_moment(
 
 
 def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
-    """Return int_a^b q^(n-1) dq, for any n and b >= a > 0."""
+    """Return the integral of q^(n-1) over q from a to b, without cancellation.
+
+    Args:
+        n: any real number, 0 included.
+        a: the lower limit, positive.
+        b: the upper limits, at least a, of any shape.
+    """
     log_ratio = np.log1p((b - a) / a)
     return np.asarray(a**n * log_ratio * exprel(n * log_ratio))
 
@@ -135,7 +173,9 @@ def _power_integral(n: float, a: float, b: FloatArray) -> FloatArray:
 def truncate(
     spectrum: SelfAffineSpectrum, wavenumber_high: float, dimension: int = 2
 ) -> SelfAffineSpectrum:
-    """Return the part of a spectrum below a wave number, with its own rms slope.
+    """Return the part of a spectrum below a wave number.
+
+    The rms slope of the result is that of the waves that remain.
 
     Args:
         spectrum: the spectrum.
@@ -144,7 +184,8 @@ def truncate(
         dimension: 1 for a line, 2 for a surface.
 
     Raises:
-        InvalidScene: Nothing of the band is left.
+        InvalidScene: The cut is at or below the lowest wave number of the band, or the
+            dimension is neither 1 nor 2.
     """
     high = min(wavenumber_high, spectrum.wavenumber_high)
     if not high > spectrum.wavenumber_low:

@@ -35,9 +35,14 @@ _SEARCHED = 16
 
 
 def read_table(path: Path) -> HeightMap:
-    """Return the heights of a text file; a single row or column of numbers is a line.
+    """Return the heights of a text file, in the unit of the file.
 
-    Raises InvalidScene, with the number of the line, if it is no table of numbers.
+    A table of several rows and columns is a surface (x runs along the rows), and a
+    single row or column is a line.  Three columns of x, y and height are points on a
+    grid.
+
+    Raises InvalidScene, with the number of the line, if the file is no table of
+    numbers, and OSError if the file cannot be read.
     """
     text, encoding = _decode(path.read_bytes())
     lines = _numbered_lines(text)
@@ -76,7 +81,11 @@ def read_table(path: Path) -> HeightMap:
 
 
 def _decode(content: bytes) -> tuple[str, str]:
-    """Return the text of a file, and its encoding."""
+    """Return the text of a file's content, and the name of its encoding.
+
+    The encoding is UTF-16 if the content begins with its mark, otherwise UTF-8 or, if
+    the content is no UTF-8, Latin-1.
+    """
     encoding = "UTF-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
     try:
         return content.decode(encoding), encoding
@@ -85,7 +94,10 @@ def _decode(content: bytes) -> tuple[str, str]:
 
 
 def _numbered_lines(text: str) -> dict[int, str]:
-    """Return the lines that are more than a comment, by their numbers from 1."""
+    """Return the lines of a text that hold more than a comment, by numbers from 1.
+
+    Comments (from # on) and white space at both ends are removed.
+    """
     text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
     lines = {}
     for number, line in enumerate(text.splitlines(), 1):
@@ -96,7 +108,12 @@ def _numbered_lines(text: str) -> dict[int, str]:
 
 
 def _number_format(line: str) -> tuple[str | None, str]:
-    """Return the separator (None: white space) and the decimal mark of a line."""
+    """Return how the numbers of a line of text are separated and written.
+
+    Returns:
+        The separator of the numbers, ";", a tabulator, "," or None for white space; and
+        the decimal mark, "." or ",".
+    """
     has_comma = "," in line
     decimal = "," if has_comma else "."
     for separator in (";", "\t"):
@@ -110,10 +127,10 @@ def _number_format(line: str) -> tuple[str | None, str]:
 
 
 def _has_decimal_commas(lines: list[str]) -> bool:
-    """Return whether commas that separate numbers of these lines are decimal, too.
+    """Return True if the commas of these lines both separate numbers and are decimal.
 
-    Every second cell then holds decimals: digits of one length, some with a zero in
-    front.
+    An example is "1,05,2,17" for 1.05 and 2.17.  Such lines are recognised by every
+    second cell: all of these hold digits of one length, and some begin with a zero.
     """
     rows = [line.rstrip(", ").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
@@ -128,10 +145,17 @@ def _has_decimal_commas(lines: list[str]) -> bool:
 def _rows(
     lines: dict[int, str], separator: str | None, decimal: str
 ) -> Iterator[list[float]]:
-    """Yield the numbers of each line below the header.
+    """Yield the numbers of each line below the header, NaN for an empty cell.
 
-    Raises ValueError, with the number of the line, if a line of the table holds
-    anything else, or another number of cells than the line above.
+    Args:
+        lines: the lines of the file by their numbers, without comments.  Lines above
+            the first line of numbers are the header.
+        separator: the text between two numbers; None for white space.
+        decimal: the decimal mark, "." or ",".
+
+    Raises:
+        ValueError: A line of the table holds anything but numbers, or another number of
+            cells than the line above; or no line begins with a number.
     """
     # With a decimal comma, a point makes no number.
     marks = str.maketrans(",.", ".,") if decimal == "," else {}
@@ -160,10 +184,15 @@ def _rows(
 
 
 def _value(cell: str, marks: dict[int, int]) -> float:
-    """Return the number in a cell, or NaN for a point without a height.
+    """Return the number in a cell of a table, NaN for a point without a height.
 
-    Raises ValueError, with the cell, if it holds anything else.  `marks` translates
-    the decimal mark into a point.
+    Args:
+        cell: the text of the cell without white space at its ends.
+        marks: a table of `str.translate` that turns the decimal mark into a point.
+
+    Raises:
+        ValueError: The cell holds neither a number nor a word for a missing height; the
+            message is the quoted cell.
     """
     if cell.lower() in MISSING:
         return math.nan
@@ -175,7 +204,14 @@ def _value(cell: str, marks: dict[int, int]) -> float:
 
 
 def _lists_points(table: FloatArray) -> bool:
-    """Return whether the first two of three columns are the coordinates of a grid."""
+    """Return True if a table lists points as x, y and height, not heights alone.
+
+    Such a table has three columns, and its first two are the coordinates of at least
+    four different points, which are at least half of the points of a grid.
+
+    Args:
+        table: the numbers of a file, (rows, columns).
+    """
     if table.shape[1] != 3 or len(table) < 4:
         return False
     points = len(np.unique(table[:, :2], axis=0))
@@ -184,9 +220,13 @@ def _lists_points(table: FloatArray) -> bool:
 
 
 def _coordinate_notes(table: FloatArray) -> Iterator[str]:
-    """Yield a note if the first column or line may hold coordinates instead of heights.
+    """Yield a note if the first column or row may hold coordinates instead of heights.
 
-    It has even steps then, and its neighbour has not.
+    Coordinates are suspected where the numbers have even steps, and those of the column
+    or row beside them have not.
+
+    Args:
+        table: the numbers of a file, (rows, columns).
     """
     for part, columns in (("column", table), ("line", table.T)):
         # The corner between the coordinates of both axes may be empty.  The difference
