@@ -18,7 +18,12 @@ from epcontact.results import Areas, ContactResult, LoadStep, Provenance
 
 
 def full_contact(scene):
-    """A half-space pressed flat: p_q = E* q h_q / 2 of each mode of a line."""
+    """Return the solution of a line that is pressed flat: p_q = E* q h_q / 2 for each
+    mode.
+
+    `scene` is an epcontact.Scene of a half-space; the result has pressure (Pa) and gap
+    (m).
+    """
     heights, (period,) = scene.surface.heights, scene.surface.periods
     q = 2 * np.pi / period * np.arange(heights.size // 2 + 1)
     modulus = scene.material.young_modulus / (1 - scene.material.poisson_ratio**2)
@@ -32,14 +37,16 @@ def full_contact(scene):
 
 
 def hangs(_):
-    """Waits for ever for a process of its own, and leaves the ids of both."""
+    """Wait for ever for a process of its own, and write the ids of both to the file
+    "pids".
+    """
     waiting = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(3600)"])
     Path("pids").write_text(f"{os.getpid()} {waiting.pid}")
     time.sleep(3600)
 
 
 def exits_with_success(_):
-    """Ends its process with exit code 0, as Fortran's STOP does."""
+    """End the process with exit code 0, as Fortran's STOP does."""
     os._exit(0)
 
 
@@ -54,7 +61,7 @@ def breaks_memory(_):
 
 
 def is_killed(_):
-    """Kills its process, as the system does for want of memory."""
+    """Kill its own process, as the system does for want of memory."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -64,7 +71,7 @@ def divides_by_zero(_):
 
 
 def has_no_memory(_):
-    """Raise MemoryError."""
+    """Raise MemoryError by asking for an array of 2^50 numbers."""
     return np.empty(1 << 50)
 
 
@@ -74,69 +81,81 @@ def returns_a_table(_):
 
 
 def returns_another_grid(scene):
-    """Return a result with a pressure on 3 points."""
+    """Return the result of `full_contact` with a pressure on 3 points instead of the
+    scene's 32.
+    """
     return replace(full_contact(scene), fields={"pressure": np.zeros(3)})
 
 
 def presses_infinitely(scene):
-    """Return a result with infinite pressures."""
+    """Return the result of `full_contact` with infinite pressures."""
     return replace(full_contact(scene), fields={"pressure": np.full(32, np.inf)})
 
 
 def leaves_no_name(scene):
-    """Return a result with a field without a name."""
+    """Return the result of `full_contact` with a field whose name is ""."""
     return replace(full_contact(scene), fields={"": np.zeros(32)})
 
 
 def names_a_number(scene):
-    """Return a result with a field whose name is a number."""
+    """Return the result of `full_contact` with a field whose name is a number."""
     return replace(full_contact(scene), fields={1: np.zeros(32)})
 
 
 def has_no_steps(scene):
-    """Return a result without load steps."""
+    """Ask for a result without load steps, for which ContactResult raises
+    ValueError.
+    """
     return replace(full_contact(scene), steps=())
 
 
 def answers_twice(scene):
-    """Return a result with two steps for one load."""
+    """Return the result of `full_contact` with two steps for one load."""
     result = full_contact(scene)
     return replace(result, steps=2 * result.steps)
 
 
 def is_unsure(scene):
-    """Return a result whose `converged` is a word."""
+    """Return the result of `full_contact` with a word for `converged`, which must be 0
+    or 1.
+    """
     return replace(full_contact(scene), converged="yes")
 
 
 def is_far_off(scene):
-    """Return a result with a step at another load and a residual that is NaN."""
+    """Return the result of `full_contact` with a step at 1 GPa and a residual that is
+    NaN.
+    """
     step = LoadStep(1e9, {}, residuals={"gap": np.nan})
     return replace(full_contact(scene), steps=(step,))
 
 
 def returns_a_list(scene):
-    """Return a result with a list as a quantity."""
+    """Return the result of `full_contact` with a list as a quantity."""
     step = LoadStep(1e9, {}, quantities={"a": [1]})
     return replace(full_contact(scene), steps=(step,))
 
 
 def has_saved_work(scene):
-    """Return a result with a negative cost."""
+    """Return the result of `full_contact` with -1 pairs of Fourier transforms as its
+    cost.
+    """
     return replace(full_contact(scene), cost={"fft_pairs": -1})
 
 
 class Runs(str):
-    """A name of a field that runs code if it is unpickled."""
+    """A name of a field that ends its process if it is unpickled."""
 
     __slots__ = ()
 
     def __reduce__(self):
+        """Return what pickle calls to restore the name: sys.exit."""
         return sys.exit, ("a name ran",)
 
 
 def invents_its_path(scene):
-    """Returns pressures of boundary elements at the last load, and invents the rest.
+    """Return the pressures of boundary elements at the last load, and invented areas
+    and quantities.
 
     Its process computes invented areas from then on, too.
     """
@@ -167,7 +186,9 @@ def invents_its_path(scene):
 
 
 def errs_at_the_first_load(scene):
-    """Returns pressures of the boundary elements, at the first load a point off."""
+    """Return the pressures of the boundary elements, at the first load moved by one
+    point.
+    """
     result = bem.solve(scene)
     points_off = int(len(scene.load.path) == 1)
     pressure = np.roll(result.fields["pressure"], points_off)
@@ -175,7 +196,9 @@ def errs_at_the_first_load(scene):
 
 
 def changes_its_scene(scene):
-    """Answers a scene without roughness that it makes of the one it was given."""
+    """Set the heights of the scene it is given to 0 and its Young's modulus to 1 Pa,
+    and return the solution of that.
+    """
     scene.surface.heights.flags.writeable = True
     scene.surface.heights[:] = 0
     object.__setattr__(scene.material, "young_modulus", 1.0)
@@ -183,9 +206,9 @@ def changes_its_scene(scene):
 
 
 def prints(scene):
-    """Fills its standard output, which is not the verdict's.
+    """Return the result of `full_contact` and fill the standard output of its process.
 
-    The name of a field would run if it were unpickled.
+    One field has a name that would end the process if it were unpickled.
     """
     print("all gates hold\n" * 20000)
     os.write(1, b"\x80\x04\x95")
@@ -195,7 +218,10 @@ def prints(scene):
 
 
 def answers_or_dies(item):
-    """A task of the pool, and not a solver."""
+    """Return a text in capitals, or end the process for "dies".
+
+    This is a task of the pool, and not a solver.
+    """
     if item == "dies":
         os._exit(0)
     return item.upper()

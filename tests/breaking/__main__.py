@@ -42,7 +42,7 @@ def print_faults(faults):
 def print_stale(faults):
     """Print each stale fault with the reason, and functions that may have its place.
 
-    Return how many are stale.
+    Returns the number of stale faults.
     """
     stale = 0
     for fault in faults:

@@ -33,7 +33,9 @@ def reason_stale(fault):
 
 
 def require_test(name):
-    """Raise `StaleFault` if a test, file::function, does not exist."""
+    """Raise `StaleFault` if a test, "file::function" from the root of the checkout,
+    does not exist.
+    """
     file, _, test = name.partition("::")
     function = re.escape(test.partition("[")[0])
     path = ROOT / file
@@ -43,10 +45,11 @@ def require_test(name):
 
 
 def candidates(fault):
-    """Return paths of functions that may have taken over the place of a stale fault.
+    """Return dotted paths of functions that may have taken over the place of a stale
+    fault.
 
-    They hold the pattern of the place, or have the name of the function.  Functions of
-    the same file come before all others.
+    They hold the pattern of the place, or have the name of the function. If functions
+    of the same file are among them, only these are returned.
     """
     paths = []
     for module, function in functions():
@@ -60,14 +63,18 @@ def candidates(fault):
 
 
 def is_beside(path, other):
-    """Return whether two functions, or methods, may be in one file."""
+    """Return whether two functions or methods, given by dotted paths, may be in one
+    file.
+    """
     module = path.rpartition(".")[0]
     return other.startswith(f"{module}.")
 
 
 @functools.cache
 def functions():
-    """Return the module and the syntax tree of each function of the product."""
+    """Return a list of pairs: module and syntax tree of each function of the
+    product.
+    """
     found = []
     for package in ("epcontact", "fem_check"):
         for file in sorted((ROOT / package).rglob("*.py")):

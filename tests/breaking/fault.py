@@ -80,7 +80,11 @@ class Fault:
 
 @functools.cache
 def honest_case(name):
-    """Return the case with an id, which may be that of its file as well."""
+    """Return the case with an id, without any fault; the id may be that of its file as
+    well.
+
+    Raises StopIteration if no case has the id.
+    """
     return load_case(next(case for case in find_named(name) if case.id == name))
 
 
@@ -107,10 +111,11 @@ def gates_of(fault):
 
 
 def status_under(fault, output):
-    """Return the status of the fault's gate, the first if there are several.
+    """Return the status of the fault's gate, the first if there are several: "holds",
+    "fell short" or "error".
 
-    Only this gate is judged, with the methods that it needs.  With the fault in place
-    this is what `epcontact verify` finds.
+    Only this gate is judged, with the methods that it needs; results go to the folder
+    `output`. With the fault in place this is what `epcontact verify` finds.
     """
     case = honest_case(fault.case)
     gate = gates_of(fault)[0]
@@ -124,7 +129,8 @@ def status_under(fault, output):
 def fails_under(fault, folder):
     """Return whether the fault's test fails while the fault is in place.
 
-    The test's module is imported anew, so that it holds the patched functions.
+    The test's module is imported anew, so that it holds the patched functions. `folder`
+    is for the temporary files of the test.
     """
     name = Path(fault.test.partition("::")[0]).stem
     module = sys.modules.pop(name, None)

@@ -43,12 +43,14 @@ OTHER_BRANCH = {"loading": "unloading", "unloading": "loading"}
 
 
 def with_material(scene, **changes):
-    """Return a scene with other values of its material."""
+    """Return a scene with other values of its material, given by the names of its
+    fields.
+    """
     return replace(scene, material=replace(scene.material, **changes))
 
 
 def with_heights(scene, heights):
-    """Return a scene with other heights (m)."""
+    """Return a scene with other heights (m, of any shape) on the same periods."""
     return replace(scene, surface=replace(scene.surface, heights=heights, recipe=""))
 
 
@@ -69,7 +71,11 @@ def transposed_surface(surface):
 
 
 def half_a_cell_off(heights):
-    """Return heights at the corners of the cells instead of their centres."""
+    """Return heights (m) at the corners of the cells instead of their centres, by
+    Fourier interpolation.
+
+    The array has any number of axes.
+    """
     for axis, n in enumerate(heights.shape):
         turn = np.exp(1j * np.pi * np.fft.fftfreq(n))
         shape = [1] * heights.ndim
@@ -83,7 +89,11 @@ def half_a_cell_off(heights):
 
 
 def clipped_and_scaled_pressure(scene):
-    """Return the elastic pressure, repeatedly cut and scaled to the load."""
+    """Return the elastic pressure (Pa), repeatedly cut at the hardness and scaled to
+    the load.
+
+    The array has the shape of the scene's grid.
+    """
     elastic = driver.solve(with_material(scene, hardness=math.inf), threads=1)
     pressure = elastic.fields["pressure"]
     for _ in range(200):
@@ -93,7 +103,10 @@ def clipped_and_scaled_pressure(scene):
 
 
 def tensile_pressure(scene):
-    """Return the pressure that closes every gap, by tension where necessary."""
+    """Return the pressure (Pa) that closes every gap, by tension where necessary.
+
+    The array has the shape of the scene's grid.
+    """
     compliance = compliance_of(scene)
     compliance.flat[0] = math.inf
     modes = np.fft.rfftn(scene.surface.heights) / compliance
@@ -102,13 +115,19 @@ def tensile_pressure(scene):
 
 
 def compliance_of(scene):
-    """Return the compliance (m/Pa) of each wave of a scene's grid."""
+    """Return the compliance (m/Pa) of each wave of a scene's grid, in the order of
+    numpy's rfftn.
+    """
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     return surface_compliance(q, scene.body, scene.material)
 
 
 def difference_compliance(scene):
-    """Return the compliance of a difference scheme, with (2/dx) sin(q dx/2) for q."""
+    """Return the compliance (m/Pa) of a difference scheme, with (2/dx) sin(q dx/2) for
+    the wavenumber q.
+
+    The order is that of numpy's rfftn.
+    """
     q = rfft_wavenumbers(scene.surface.shape, scene.surface.periods)
     angle = np.minimum(q * scene.surface.spacing[0] / 2, math.pi / 2)
     ratio = np.ones_like(angle)
@@ -127,7 +146,9 @@ def compression_energy(scene):
 
 
 def an_eighth_off(result):
-    """Return a result with fields moved by an eighth of the grid in each direction."""
+    """Return a ContactResult with fields moved by an eighth of the grid in each
+    direction.
+    """
     fields = {}
     for name, field in result.fields.items():
         eighth = [n // 8 for n in field.shape]
@@ -136,7 +157,9 @@ def an_eighth_off(result):
 
 
 def every_second_point(scene):
-    """Return the solution on every second point, with fields repeated on the others."""
+    """Return the solution of a scene on every second point, with fields repeated on the
+    others.
+    """
     axes = range(scene.surface.heights.ndim)
     every_second = (slice(None, None, 2),) * len(axes)
     coarse = with_heights(scene, scene.surface.heights[every_second])
@@ -151,7 +174,11 @@ def every_second_point(scene):
 
 
 def corrected_the_wrong_way(areas):
-    """Return areas whose correction was added instead of subtracted."""
+    """Return areas whose correction was added instead of subtracted.
+
+    `areas` is a dictionary of Areas with the keys "raw" and "corrected", fractions of
+    the nominal area.
+    """
     raw, corrected = areas["raw"], areas["corrected"]
     total = 2 * raw.total - corrected.total
     plastic = 2 * raw.plastic - corrected.plastic
@@ -159,7 +186,11 @@ def corrected_the_wrong_way(areas):
 
 
 def only_total_corrected(raw, corrected, error):
-    """Return areas whose plastic part is not corrected."""
+    """Return raw and corrected areas and their error, without a correction of the
+    plastic part.
+
+    The arguments and the returned tuple are Areas, fractions of the nominal area.
+    """
     total = corrected.total
     return raw, Areas(total, total - raw.plastic, raw.plastic), error
 
@@ -177,7 +208,7 @@ def plastic_by_gap(result):
 
 
 def scaled_areas(areas, factor):
-    """Return areas times a factor."""
+    """Return areas (an Areas) times a factor."""
     return Areas(*(factor * area for area in vars(areas).values()))
 
 
@@ -208,7 +239,10 @@ def quantities_a_step_late(result):
 
 
 def deepest_half(flow):
-    """Return the plastic displacement (m) with the less deep half set to 0."""
+    """Return the plastic displacement (m, an array) with the less deep half set to 0.
+
+    Points that have not flowed are 0 in `flow`.
+    """
     return np.where(flow > np.median(flow[flow > 0]), flow, 0.0)
 
 
@@ -218,7 +252,10 @@ def with_deformation(flow, displacement):
 
 
 def between_nodes(pressure):
-    """Return the pressures (Pa) at the centres of the elements, not at their nodes."""
+    """Return the pressures (Pa) at the centres of the elements, of shape (nx, ny).
+
+    `pressure` are those of the nodes, in the same shape.
+    """
     for axis in (0, 1):
         pressure = (pressure + np.roll(pressure, 1, axis)) / 2
     return pressure
@@ -235,7 +272,9 @@ def without_shortest_ring(rings):
 
 
 def without_images(symbol, scene):
-    """Return the compliance of a force that acts only within half a period.
+    """Return the compliance, a Symbol, of a force that acts only within half a period.
+
+    `symbol` holds the compliance (m/Pa) of each wave of the scene's grid.
 
     The transform of 1/r up to R is the integral of J_0 from 0 to q R.
     """
@@ -247,12 +286,18 @@ def without_images(symbol, scene):
 
 
 def number_patches_without_period(mask):
-    """Return the patch number of each point of a mask whose edges are free."""
+    """Return the patch number from 0 of each point in contact, and False for
+    percolation.
+
+    `mask` is true in contact, and its edges are free.
+    """
     return label(mask)[0][mask] - 1, False
 
 
 def with_a_low_row(hardness_map):
-    """Return the map of the hardness with one row 15 % too hard."""
+    """Return the map of the hardness (arrays by the names of columns) with one row 15 %
+    too hard.
+    """
     inverse_hardness = hardness_map["inverse_hardness"].copy()
     inverse_hardness[60] *= 0.85
     return {**hardness_map, "inverse_hardness": inverse_hardness}
@@ -262,7 +307,9 @@ def with_a_low_row(hardness_map):
 
 
 def with_reversed_results(answers, method):
-    """Return answers with the surfaces of one method in the reverse order."""
+    """Return answers (MethodResults by method) with one method's surfaces in reverse
+    order.
+    """
     answer = answers[method]
     return {**answers, method: replace(answer, results=answer.results[::-1])}
 
@@ -275,7 +322,9 @@ def with_reversed_surfaces(summary):
 
 
 def with_exchanged_areas(summary):
-    """Return the summary of an answer with raw and corrected areas exchanged."""
+    """Return the summary of a method's results, a dictionary, with raw and corrected
+    areas exchanged.
+    """
     areas = dict(summary["areas"])
     areas["raw"], areas["corrected"] = areas["corrected"], areas["raw"]
     return {**summary, "areas": areas}

@@ -28,7 +28,12 @@ class StaleFault(LookupError):
 
 
 def parse_pattern(text):
-    """Return the expression or statement of a text as a node of a syntax tree."""
+    """Return the expression or statement of a Python text as a node of a syntax tree
+    (ast).
+
+    Raises SyntaxError if the text is not Python, and ValueError if it has several
+    statements.
+    """
     (statement,) = ast.parse(text).body
     if isinstance(statement, ast.Expr):
         return statement.value
@@ -36,7 +41,10 @@ def parse_pattern(text):
 
 
 def parse_place(place):
-    """Return the pattern of a place and its number from 1, or 0 for every place."""
+    """Return the pattern of a place as a node of a syntax tree, and its number from 1.
+
+    The number is 0 for every place; a text such as "A / 2 @ 3" means the third.
+    """
     text, _, number = place.partition(" @ ")
     return parse_pattern(text), int(number or 0)
 
@@ -54,12 +62,14 @@ def is_rest(node):
 
 
 def ends_with_rest(nodes):
-    """Return whether the last node of a list is `...`."""
+    """Return whether the last node of a list is `...`; False for an empty list."""
     return bool(nodes) and is_rest(nodes[-1])
 
 
 def text_of(node):
-    """Return a text that is the same for a name that is read and that is assigned."""
+    """Return a text of a node that is the same for a name that is read and that is
+    assigned.
+    """
     return ast.dump(node).replace("Store()", "Load()")
 
 
@@ -71,7 +81,12 @@ def text_of(node):
 
 
 def matches(pattern, node, found):
-    """Return whether a node has the structure of a pattern, and fill `found`."""
+    """Return whether a node of a syntax tree has the structure of a pattern.
+
+    Both are nodes, lists of nodes or their plain values. `found` is a dictionary that
+    is filled in place with the node of each capital letter, and with what `...` stands
+    for.
+    """
     if isinstance(pattern, list):
         return isinstance(node, list) and _matches_list(pattern, node, found)
     if not isinstance(pattern, ast.AST):
@@ -83,7 +98,11 @@ def matches(pattern, node, found):
 
 
 def _matches_fields(pattern, node, found):
-    """Compare two nodes of one type field by field, and fill `found`."""
+    """Return whether two nodes of one type have equal fields, and fill `found` in
+    place.
+
+    Calls and dictionaries whose pattern ends with `...` are compared more loosely.
+    """
     if isinstance(pattern, ast.Call) and ends_with_rest(pattern.args):
         return _matches_call(pattern, node, found)
     if isinstance(pattern, ast.Dict) and ends_with_rest(pattern.values):
@@ -96,6 +115,10 @@ def _matches_fields(pattern, node, found):
 
 
 def _matches_list(pattern, nodes, found):
+    """Return whether two lists of nodes match one by one, and fill `found` in place.
+
+    If the pattern ends with `...`, all further nodes become found["rest"].
+    """
     if ends_with_rest(pattern):
         pattern = pattern[:-1]
         found["rest"] = nodes[len(pattern) :]
@@ -106,7 +129,11 @@ def _matches_list(pattern, nodes, found):
 
 
 def _matches_call(pattern, call, found):
-    """Match a call with `...`: keywords may stand in any order."""
+    """Return whether a call matches a pattern that ends with `...`, and fill `found` in
+    place.
+
+    Keywords may stand in any order; further ones become found["keywords"].
+    """
     given = {keyword.arg: keyword for keyword in call.keywords}
     names = [keyword.arg for keyword in pattern.keywords]
     if not given.keys() >= set(names):
@@ -120,7 +147,12 @@ def _matches_call(pattern, call, found):
 
 
 def _matches_dict(pattern, node, found):
-    """Match a dictionary with `**...`: the items of the pattern may stand anywhere."""
+    """Return whether a dictionary matches a pattern that ends with `**...`, and fill
+    `found` in place.
+
+    The items of the pattern may stand anywhere; all others, as pairs of nodes, become
+    found["items"].
+    """
     items = [item for item in zip(node.keys, node.values, strict=True) if item[0]]
     unpacked = [
         item for item in zip(node.keys, node.values, strict=True) if not item[0]
@@ -138,12 +170,16 @@ def _matches_dict(pattern, node, found):
 
 
 class _Filler(ast.NodeTransformer):
-    """Put into a replacement what letters and `...` stand for."""
+    """Put into a replacement, a syntax tree, what letters and `...` stand for."""
 
     def __init__(self, found):
+        """Take the dictionary that `matches` has filled."""
         self.found = found
 
     def visit_Name(self, node):
+        """Return the node of a capital letter instead of the letter, or other names as
+        they are.
+        """
         if not is_letter(node):
             return node
         value = copy.deepcopy(self.found[node.id])
@@ -152,16 +188,23 @@ class _Filler(ast.NodeTransformer):
         return value
 
     def visit_Constant(self, node):
+        """Return the nodes of `...`, or other constants as they are."""
         if is_rest(node):
             return self.found["rest"]
         return node
 
     def visit_Expr(self, node):
+        """Return the statements of `...`, or another expression with its letters
+        replaced.
+        """
         if is_rest(node):
             return self.found["rest"]
         return self.generic_visit(node)
 
     def visit_Dict(self, node):
+        """Return a dictionary with its letters replaced and the items of `**...`
+        appended.
+        """
         has_rest = ends_with_rest(node.values)
         if has_rest:
             node.keys.pop()
@@ -173,6 +216,9 @@ class _Filler(ast.NodeTransformer):
         return node
 
     def visit_Call(self, node):
+        """Return a call with its letters replaced and the further keywords of `...`
+        appended.
+        """
         has_rest = ends_with_rest(node.args)
         self.generic_visit(node)
         if has_rest:
@@ -181,15 +227,24 @@ class _Filler(ast.NodeTransformer):
 
 
 class _Changer(ast.NodeTransformer):
-    """Replace the places of a pattern: all, or the one with a number (from 1)."""
+    """Replace the places of a pattern: all, or the one with a number from 1.
+
+    `places` counts the places that match.
+    """
 
     def __init__(self, pattern, replacement, number):
+        """Take pattern and replacement as nodes, and the number of the place, 0 for
+        all.
+        """
         self.pattern = pattern
         self.replacement = replacement
         self.number = number
         self.places = 0
 
     def visit(self, node):
+        """Return the replacement if a node is a place to change, else the node with its
+        children visited.
+        """
         found = {}
         if matches(self.pattern, node, found):
             self.places += 1
@@ -201,7 +256,8 @@ class _Changer(ast.NodeTransformer):
 def change_code(tree, place, becomes):
     """Return a syntax tree with the code of a place replaced.
 
-    Raises `StaleFault` if no code matches the place.
+    `place` and `becomes` are texts of a row of the table. Raises `StaleFault` if no
+    code matches the place, or fewer places than its number.
     """
     pattern, number = parse_place(place)
     replacement = parse_pattern(becomes)
@@ -215,7 +271,9 @@ def change_code(tree, place, becomes):
 
 
 def has_place(tree, place):
-    """Return whether a syntax tree has the code that a place describes."""
+    """Return whether a syntax tree has the code that a place, a text of the table,
+    describes.
+    """
     pattern, _ = parse_place(place)
     return any(matches(pattern, node, {}) for node in ast.walk(tree))
 
@@ -234,7 +292,8 @@ def owner_of(path):
 
 
 def function_of(path):
-    """Return the plain function behind a dotted path: without decorators.
+    """Return the plain function behind a dotted path: of a command, property or method,
+    and without decorators.
 
     Raises `StaleFault` if the path does not exist.
     """
@@ -252,10 +311,11 @@ def tree_of(function):
 
 
 def change_function(path, place, becomes):
-    """Return a function, and the code that it has after a change of one place.
+    """Return a function, and the code object that it has after a change of one place.
 
-    Raises `StaleFault` if the function or the place does not exist, or if the
-    replacement uses a name that the function does not know.
+    `path`, `place` and `becomes` are texts of a row of the table. Raises `StaleFault`
+    if the function or the place does not exist, or if the replacement uses a name that
+    the function does not know.
     """
     function = function_of(path)
     try:
@@ -274,13 +334,16 @@ def change_function(path, place, becomes):
 
 
 def names_in(replacement):
-    """Return the names in a replacement that are not letters."""
+    """Return the names in a replacement, a node, that are no letters, as a set."""
     nodes = [node for node in ast.walk(replacement) if isinstance(node, ast.Name)]
     return {node.id for node in nodes if not is_letter(node)}
 
 
 def names_known_to(function, tree):
-    """Return the global and local names that the code of a function can use."""
+    """Return the set of global and local names that the code of a function can use.
+
+    `tree` is the syntax tree of the function.
+    """
     names = function.__globals__.keys() | vars(builtins).keys()
     for node in ast.walk(tree):
         if isinstance(node, ast.arg):

@@ -40,12 +40,17 @@ WORDS = ("value", "call", "argument", "result", "field", "quantity", "areas")
 
 
 def is_pattern(path, place):
-    """Return whether a place is a pattern of code."""
+    """Return whether a row's place is a pattern of code: not a text of a template, nor
+    one of WORDS.
+    """
     return not path.endswith(".jinja") and place.split()[0] not in WORDS
 
 
 def patch_of(path, place, becomes):
-    """Return the patch of a row."""
+    """Return the patch of a row, a function of pytest's `monkeypatch`.
+
+    `path`, `place` and `becomes` are texts of the row's columns.
+    """
     if is_pattern(path, place):
         return code_patch(path, place, becomes)
     if path.endswith(".jinja"):
@@ -57,10 +62,11 @@ def code_patch(path, place, becomes):
     """Return the patch that changes the code of a function at a place.
 
     The code is exchanged inside the function, so that it is changed for all that hold
-    the function.
+    the function. The patch raises `StaleFault` if the place does not exist.
     """
 
     def patch(monkeypatch):
+        """Exchange the code of the function until the monkeypatch is undone."""
         function, code = change_function(path, place, becomes)
         monkeypatch.setattr(function, "__code__", code)
 
@@ -68,15 +74,21 @@ def code_patch(path, place, becomes):
 
 
 def template_patch(name, place, becomes):
-    """Return the patch that changes a text of a template."""
+    """Return the patch that changes a text of a template of epcontact.output.
+
+    All templates are replaced by the changed one; the patch raises `StaleFault` if the
+    text is not in it.
+    """
 
     def patch(monkeypatch):
+        """Let jinja2 return the changed template until the monkeypatch is undone."""
         text = (TEMPLATES / name).read_text("utf-8")
         if place not in text:
             raise StaleFault(f"{name} does not hold {place}")
         changed = text.replace(place, becomes)
 
         def get_changed_template(environment, _):
+            """Return the changed template, whatever template is asked for."""
             return environment.from_string(changed)
 
         monkeypatch.setattr("jinja2.Environment.get_template", get_changed_template)
@@ -85,13 +97,21 @@ def template_patch(name, place, becomes):
 
 
 def behaviour_patch(path, place, becomes):
-    """Return the patch that changes a constant or what a function does."""
+    """Return the patch that changes a constant, or an argument or the result of a
+    function.
+
+    `place` is one of WORDS with its name, and `becomes` a Python expression.
+    """
     expression = compile(becomes, path, "eval")
 
     def evaluate(**names):
+        """Return the value of the expression with names of breaking.mistakes and those
+        given.
+        """
         return eval(expression, vars(mistakes) | names)
 
     def patch(monkeypatch):
+        """Set the changed constant or function until the monkeypatch is undone."""
         owner, name, original = owner_of(path)
         if place == "value":
             changed = evaluate(value=original)
@@ -105,7 +125,8 @@ def behaviour_patch(path, place, becomes):
 def changed_function(original, place, evaluate):
     """Return a function with another argument or result, as a place says.
 
-    Raises `StaleFault` if the function has no such argument.
+    `evaluate` is a function that computes the row's expression from its names, given by
+    keyword. Raises `StaleFault` if the function has no such argument.
     """
     word, _, name = place.partition(" ")
     signature = inspect.signature(original)
@@ -114,6 +135,7 @@ def changed_function(original, place, evaluate):
 
     @functools.wraps(original)
     def wrong(*positional, **by_keyword):
+        """Call the original function with the mistake in its argument or result."""
         bound = signature.bind(*positional, **by_keyword)
         bound.apply_defaults()
         arguments = tuple(bound.arguments.values())
@@ -134,7 +156,10 @@ def changed_function(original, place, evaluate):
 
 
 def argument_name(signature, name_or_number):
-    """Return the name of an argument, which may be given by its number from 1."""
+    """Return the name of an argument, which may be given by its number from 1.
+
+    Raises `StaleFault` if the signature has no such argument.
+    """
     names = list(signature.parameters)
     if name_or_number in names:
         return name_or_number
@@ -144,7 +169,10 @@ def argument_name(signature, name_or_number):
 
 
 def part_of(result, word, name):
-    """Return a field of a result, or a quantity or the areas of its last load."""
+    """Return a field of a ContactResult, or a quantity or the areas of its last load.
+
+    `word` is "field", "quantity" or "areas", and `name` that of the field or quantity.
+    """
     if word == "field":
         return result.fields[name]
     if word == "quantity":
@@ -153,7 +181,7 @@ def part_of(result, word, name):
 
 
 def with_part(result, word, name, value):
-    """Return a result with another value of what `part_of` returns."""
+    """Return a ContactResult with another value of what `part_of` returns."""
     if word == "field":
         return replace(result, fields={**result.fields, name: value})
     if word == "quantity":
@@ -168,7 +196,11 @@ def with_part(result, word, name, value):
 
 
 def read_faults(file):
-    """Return the faults of a table."""
+    """Return the faults of a table, the path of a tab-separated file, as a tuple of
+    Fault.
+
+    A row without a first column is a further patch of the fault above it.
+    """
     faults = []
     with file.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.reader(lines, "excel-tab", quoting=csv.QUOTE_NONE))
@@ -183,7 +215,11 @@ def read_faults(file):
 
 
 def fault_of(what, path, place, patch, seen_by):
-    """Return the fault of a row."""
+    """Return the fault of a row with one patch.
+
+    `seen_by` is a test, or a case, a quantity and fields such as "status=error",
+    separated by blanks.
+    """
     if seen_by.startswith("tests/"):
         return Fault(what, path, place, (patch,), test=seen_by)
     case, quantity, *fields = seen_by.split()
