@@ -22,5 +22,5 @@ class Limit(NamedTuple):
     error: float
 
     def times(self, factor: float) -> Limit:
-        """Return the limit of the value times a positive factor."""
+        """Return a new `Limit` with all numbers of this one times a positive factor."""
         return Limit(factor * self.corrected, factor * self.raw, factor * self.error)

@@ -122,9 +122,18 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
 
 
 def _spanning_fractions(rank: Indices) -> tuple[float, float]:
-    """Return the fractions that percolate: connected by sides, and by corners as well.
+    """Return the fractions of the points of a grid at which a patch first percolates.
 
-    rank: (nx, ny) or (nx,), smaller for points that join earlier; all are different.
+    The points of the periodic grid are added one by one, and a patch percolates as soon
+    as it connects with its own periodic image.
+
+    Args:
+        rank: (nx, ny) or (nx,), different integers; points of smaller rank are added
+            earlier.
+
+    Returns:
+        The fraction if points connect over their sides only, and the fraction if they
+        connect over their corners as well.
     """
     order = np.argsort(rank, axis=None)
     by_sides = _join(order, rank.shape, diagonals=False, stop=True)[0]
@@ -135,11 +144,20 @@ def _spanning_fractions(rank: Indices) -> tuple[float, float]:
 def _join(
     order: Indices, shape: tuple[int, ...], diagonals: bool, stop: bool
 ) -> tuple[int, NDArray[Any], NDArray[np.int64]]:
-    """Join points of an empty grid to patches in the given order; see `join_points`.
+    """Join the points of an empty periodic grid to connected patches.
 
-    Returns how many points had joined when a patch first percolated, or 0, and the
-    trees of the patches: parents, which are -1 where no point has joined, and
-    displacements to the parents.
+    Each patch is a tree: every point has a parent, and the parents lead to the root.
+
+    Args:
+        order: the flat indices of the points, in the order in which they join.
+        shape: the grid, (nx, ny) or (nx,).
+        diagonals: True if points also connect over their corners.
+        stop: True to end as soon as a patch percolates.
+
+    Returns:
+        How many points had joined when a patch first percolated, or 0; the flat index
+        of the parent of each point of the grid, -1 where no point has joined; and the
+        displacement to the parent as one number, rows times ROW plus columns.
     """
     size = math.prod(shape)
     integer = np.int32 if size < 2**31 else np.int64
@@ -152,9 +170,14 @@ def _join(
 
 
 def _steps_to_neighbours(dimensions: int, diagonals: bool) -> Indices:
-    """Return the steps (steps, 2) in rows and columns from a point to its neighbours.
+    """Return the steps from a grid point to its neighbours, shape (steps, 2).
 
-    dimensions: 1 for a line, whose points have neighbours along the second axis only.
+    A step is the number of rows and the number of columns: -1, 0 or 1.
+
+    Args:
+        dimensions: 2 for a surface, 1 for a line, whose points have neighbours along
+            the second axis only.
+        diagonals: True if the four neighbours over the corners count, too.
     """
     steps = np.argwhere(np.ones((3,) * dimensions)) - 1
     distance = np.abs(steps).sum(axis=1)
@@ -165,7 +188,10 @@ def _steps_to_neighbours(dimensions: int, diagonals: bool) -> Indices:
 
 @compiled
 def periodic_index(index: int, size: int) -> int:
-    """Return the index of a point, at most one beyond an end of a periodic axis."""
+    """Return an index along a periodic axis as one between 0 and size - 1.
+
+    The index must be from -1 to size, at most one point beyond an end of the axis.
+    """
     if index < 0:
         return index + size
     if index >= size:
@@ -175,10 +201,18 @@ def periodic_index(index: int, size: int) -> int:
 
 @compiled
 def find_root(parent: Any, offset: Any, point: int) -> tuple[int, int]:
-    """Return the root of a point's patch, and the displacement from the point to it.
+    """Return the root of the tree of a point, and the displacement from point to root.
 
-    The points on the way are attached to the parents of their parents, which shortens
-    later ways.
+    The points on the way are attached to the parents of their parents, in place, so
+    that later searches are shorter.
+
+    Args:
+        parent: (points,) the flat index of the parent of each point; a root is its own.
+        offset: (points,) the displacement to the parent, rows times ROW plus columns.
+        point: the flat index of the point.
+
+    Returns:
+        The flat index of the root, and the displacement as one number like `offset`.
     """
     displacement = 0
     while parent[point] != point:
@@ -192,7 +226,13 @@ def find_root(parent: Any, offset: Any, point: int) -> tuple[int, int]:
 
 @compiled
 def find_roots(points: Any, parent: Any, offset: Any) -> Any:
-    """Return the root of each of the listed points."""
+    """Return the flat index of the root of the tree of each listed point.
+
+    Args:
+        points: (n,) flat indices of the points.
+        parent: (grid points,) the flat index of each parent; changed in place.
+        offset: (grid points,) the displacement to the parent; changed in place.
+    """
     roots = np.empty_like(points)
     for k in range(points.size):
         roots[k] = find_root(parent, offset, points[k])[0]
@@ -208,14 +248,20 @@ def join_points(
     offset: Any,
     stop: bool,
 ) -> int:
-    """Join points to their patches in the given order.
+    """Join points of a periodic grid to connected patches, one by one.
 
-    order: flat indices of the points; shape: rows and columns of the periodic grid;
-    steps: from a point to its neighbours; parent, offset: the trees, which are changed,
-    with parents of -1 for points that have not joined; stop: True to end when a patch
-    percolates.
+    Args:
+        order: (n,) flat indices of the points, in the order in which they join.
+        shape: the numbers of rows and columns of the grid.
+        steps: (steps, 2) rows and columns from a point to each of its neighbours.
+        parent: (grid points,) flat index of the parent of each point, -1 for points
+            that have not joined; changed in place.
+        offset: (grid points,) displacement to the parent, rows times ROW plus columns;
+            changed in place.
+        stop: True to end as soon as a patch percolates.
 
-    Returns how many points had joined when a patch first percolated, or 0.
+    Returns:
+        How many points had joined when a patch first percolated; 0 if none did.
     """
     rows, columns = shape
     spanning = 0

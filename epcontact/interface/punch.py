@@ -66,7 +66,9 @@ class Punch(NamedTuple):
 
 
 def solve_punch(scene: Scene, mask: Mask) -> Punch:
-    """Return the flat punch on the points of a mask.
+    """Return sinking and pressure of a flat punch that touches the points of a mask.
+
+    The punch carries the mean pressure 1.
 
     Args:
         scene: its surface gives the grid and the periods, its body the compliance.
@@ -120,12 +122,21 @@ def solve_punch(scene: Scene, mask: Mask) -> Punch:
 
 
 def _norm(values: FloatArray) -> float:
-    """Return the 2-norm, without the threads of a library."""
+    """Return the 2-norm of an array (n,), computed without the threads of a library."""
     return math.sqrt(dot(values, values))
 
 
 def _points_of_mask(mask: Mask, convolution: Convolution) -> Points:
-    """Return the points of a mask, by the blocks of rows of a convolution."""
+    """Return the points of a mask for a convolution, which works by blocks of rows.
+
+    Args:
+        mask: (nx, ny) or (nx,), True at the points.
+        convolution: its `rows` are the blocks, as slices of rows of the grid.
+
+    Returns:
+        The flat indices of the points in rising order, and for each block the slice of
+        these indices that lies in it.
+    """
     index: IntArray = np.flatnonzero(mask)
     if mask.size < 2**31:
         index = index.astype(np.int32)

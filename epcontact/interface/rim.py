@@ -123,7 +123,7 @@ class MeasuredPunch(NamedTuple):
 
 
 def measure_punch(scene: Scene, result: ContactResult, mask: Mask) -> MeasuredPunch:
-    """Solve the flat punch on a mask, and measure its rim.
+    """Return how far a flat punch on a mask sinks, and measures of its boundary.
 
     Args:
         scene: the scene that was solved.
@@ -172,9 +172,17 @@ def measure_punch(scene: Scene, result: ContactResult, mask: Mask) -> MeasuredPu
 
 
 def _last_points(mask: Mask, axis: int) -> NDArray[np.intp]:
-    """Return the flat index of the point of a mask at each link of its rim.
+    """Return the last points of a mask before its boundary, along one axis.
 
-    A link joins it to a neighbour along the axis that is off the mask.
+    A last point has a neighbour along the axis, periodically, that is off the mask.  A
+    point with two such neighbours is returned twice.
+
+    Args:
+        mask: (nx, ny) or (nx,), True at the points of the contact.
+        axis: 0 for neighbours along x, 1 along y.
+
+    Returns:
+        The flat indices of the points, shape (n,).
     """
     last_points = []
     for step in (1, -1):
@@ -184,10 +192,16 @@ def _last_points(mask: Mask, axis: int) -> NDArray[np.intp]:
 
 
 def _area_correction(result: ContactResult, elastic: bool) -> tuple[float, float]:
-    """Return corrected less raw area, and the error of the corrected area.
+    """Return the correction of the contact area at the last load, and its error.
 
-    Both are over the nominal area.  elastic: True for the elastic area, False for the
-    total one.
+    Args:
+        result: a result with raw and corrected areas.
+        elastic: True for the elastic area, False for the total area.
+
+    Returns:
+        Corrected less raw area, and the error of the corrected area, both as fractions
+        of the nominal area.  Without a stated error, the error is the size of the
+        correction.
     """
     part = "elastic" if elastic else "total"
     areas = result.final.areas
@@ -198,12 +212,15 @@ def _area_correction(result: ContactResult, elastic: bool) -> tuple[float, float
 
 
 def stiffness_limit(punch: MeasuredPunch, constants: Constants | None = None) -> Limit:
-    """Return the stiffness over E*, in 1/m, in the limit of a vanishing spacing.
+    """Return the stiffness of a contact over E*, in the limit of a vanishing spacing.
 
     Args:
-        punch: the flat punch on the points that carry.
-        constants: of rims of all directions; None: CONSTANTS, or SMOOTH beside plastic
-            points.
+        punch: the flat punch on the contact points that carry a change of the load.
+        constants: the constants of the boundary of a contact area in all directions;
+            None: CONSTANTS, or SMOOTH beside plastic points.
+
+    Returns:
+        The stiffness over E* in 1/m: its limit, its value on the grid and its error.
     """
     if constants is None:
         constants = SMOOTH if punch.beside_plastic else CONSTANTS

@@ -128,9 +128,20 @@ def contact_conductance(
 
 
 def carrying_points(result: ContactResult, branch: Branch) -> Mask:
-    """Return the mask of the points that carry a change of the load.
+    """Return the mask of the contact points that carry a small change of the load.
 
-    Raises InvalidCase if the result has no field `state`, or the branch is unknown.
+    On loading these are the elastic contact points, because plastic points carry no
+    further pressure.  On unloading they are all contact points.
+
+    Args:
+        result: a result with the field `state`.
+        branch: "loading" if the load grows next, "unloading" if it falls next.
+
+    Returns:
+        An array of the shape of the grid, True at these points.
+
+    Raises:
+        InvalidCase: the result has no field `state`, or the branch is unknown.
     """
     state = result.fields.get("state")
     if state is None:

@@ -66,6 +66,11 @@ class HeightsFromArray(Preparation):
     treatment: EdgeField = "refuse"
 
     def __post_init__(self) -> None:
+        """Check the fields of this recipe, and keep a read-only copy of the heights.
+
+        Raises InvalidScene if the heights are no usable map, or if grid and periods do
+        not fit each other.
+        """
         super().__post_init__()
         heights = np.array(checked_heights(self.heights, "heights"))
         heights.flags.writeable = False
@@ -75,17 +80,19 @@ class HeightsFromArray(Preparation):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of grid points along each direction."""
+        """Number of grid points of this map along each direction."""
         return np.shape(self.heights)
 
     @cached_property
     def fingerprint(self) -> str:
-        """The SHA-256 of the heights, and their treatment."""
+        """The text that identifies the surface: the SHA-256 of the heights, and their
+        treatment.
+        """
         content = np.ascontiguousarray(self.heights, np.float64).data
         return f"array/1 {hashlib.sha256(content).hexdigest()} {self.steps}"
 
     def build(self) -> Surface:
-        """Make the surface: treat the heights.
+        """Return the surface of these heights, treated as the fields say.
 
         Raises InvalidScene if the edges jump and `treatment` is "refuse".
         """
@@ -93,7 +100,15 @@ class HeightsFromArray(Preparation):
 
 
 def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
-    """Return a path of a case file, which is relative to the folder of that file."""
+    """Return the path of a file that a case file names relative to its own folder.
+
+    Args:
+        value: what the case file has as the path.
+        info: its context has the folder of the case file as "folder", if there is one.
+
+    Raises:
+        ValueError: The value is no text, or empty.
+    """
     if not isinstance(value, str) or not value:
         raise ValueError("must be the path of a file")
     return (info.context or {}).get("folder", Path()) / value
@@ -148,6 +163,11 @@ class HeightsFromFile(Preparation):
     kind: Literal["file"] = field(default="file", kw_only=True)
 
     def __post_init__(self) -> None:
+        """Check the fields of this recipe, read the file and compute its digest.
+
+        Raises SurfaceAbsent if the file is absent and optional, and InvalidScene if the
+        file cannot be read, is no usable map, or a field does not fit the file.
+        """
         super().__post_init__()
         if not isinstance(self.path, str | Path):
             raise InvalidScene(
@@ -170,21 +190,25 @@ class HeightsFromFile(Preparation):
 
     @cached_property
     def _map(self) -> HeightMap:
-        """The content of the file."""
+        """The heights of this recipe's file, as the file stores them.
+
+        Raises InvalidScene if the file cannot be read or holds no map.
+        """
         stored = read_heights(Path(self.path))
         return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle without the heights, which another process reads
-        from the file again.
+        """Return the attributes of this recipe that pickle stores: all but the heights.
+
+        Another process reads the heights from the file.
         """
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
     def _periods(self) -> tuple[float, ...]:
-        """Return the periods in m, as the user or the file gives them.
+        """Return the periods of this map in m, as the user or the file gives them.
 
-        Raises InvalidScene if they, or the unit of the heights, are given twice or not
-        at all.
+        Raises InvalidScene if the periods, or the unit of the heights, are given twice
+        or not at all.
         """
         stored = self._map
         shape = self.shape
@@ -217,24 +241,24 @@ class HeightsFromFile(Preparation):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of grid points along each direction."""
+        """Number of grid points of this map along each direction."""
         return self._map.heights.shape
 
     @cached_property
     def fingerprint(self) -> str:
-        """The SHA-256 of the file's content, the unit and the treatment of the
-        heights.
+        """The text that identifies the surface: the SHA-256 of the file's content, the
+        unit and the treatment of the heights.
         """
         digest = file_digest(Path(self.path))
         return f"file/2 {digest} unit={self.unit or 1.0!r} {self.steps}"
 
     def build(self) -> Surface:
-        """Make the surface: read the heights and treat them.
+        """Return the surface of this file's heights, treated as the fields say.
 
         Raises:
             InvalidScene: The heights are no usable map, jump at their edges though
                 `treatment` is "refuse", or are steeper than any surface.
-            NotEnoughMemory: They do not fit into memory.
+            NotEnoughMemory: The surface does not fit into memory.
         """
         mirrored = self.treatment == "mirrored"
         require_room(Mirrored(self).shape if mirrored else self.shape)
@@ -250,9 +274,10 @@ class HeightsFromFile(Preparation):
         return self._with_checked_slope(surface)
 
     def _spacing_notes(self) -> list[str]:
-        """Return a note if the given periods make other spacings along x than along y.
+        """Return a note if the grid spacings of this map along x and y differ.
 
-        Periods in the wrong order show by it.
+        Different spacings show a user who has given the periods in the wrong order.
+        The list is empty if the file itself gives the periods.
         """
         shape = self.shape
         x = self.periods[0] / shape[0]
@@ -267,10 +292,12 @@ class HeightsFromFile(Preparation):
         ]
 
     def _with_checked_slope(self, surface: Surface) -> Surface:
-        """Return the surface, with a note if its slope suggests a wrong unit.
+        """Return the surface, with a note if its rms slope suggests a wrong unit.
 
-        Raises InvalidScene if the slope is impossible, with the outliers and marks that
-        may be the reason.
+        A slope below FLATTEST adds a note.
+
+        Raises InvalidScene if the slope is above STEEPEST; the message names outliers
+        and marks of missing heights, which may be the reason.
         """
         slope = surface.rms_slope
         remedy = "the heights and the lengths along the map must be in one unit: check "
@@ -308,12 +335,16 @@ class Mirrored:
     fingerprint: str = field(init=False)  #: That of the map, which names the treatment.
 
     def __post_init__(self) -> None:
+        """Set shape and periods of the surface to twice those of the map."""
         shape = tuple(2 * n for n in self.map.shape)
         periods = tuple(2 * length for length in self.map.periods)
         set_frozen(self, shape=shape, periods=periods, fingerprint=self.map.fingerprint)
 
     def build(self) -> Surface:
-        """Make the surface; raises what the map raises."""
+        """Return the mirrored surface of this map.
+
+        Raises InvalidScene or NotEnoughMemory as the map's own `build` does.
+        """
         return self.map.build()
 
 
@@ -337,6 +368,10 @@ class Facing:
     fingerprint: str = field(init=False)  #: Those of both surfaces.
 
     def __post_init__(self) -> None:
+        """Set shape, periods and fingerprint from those of both surfaces.
+
+        Raises InvalidScene if the grids or the periods of the two surfaces differ.
+        """
         a = self.first
         b = self.second
         same_shape = a.shape == b.shape
@@ -352,7 +387,10 @@ class Facing:
         set_frozen(self, shape=a.shape, periods=a.periods, fingerprint=words)
 
     def build(self) -> Surface:
-        """Make both surfaces, and return the one whose heights are the sum."""
+        """Return the surface whose heights (m) are the sum of both surfaces' heights.
+
+        Raises InvalidScene or NotEnoughMemory if one of the surfaces cannot be made.
+        """
         a = self.first.build()
         b = self.second.build()
         shortest = None
@@ -378,7 +416,14 @@ class Facing:
 def _union(
     first: NDArray[np.bool_] | None, second: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """Return the mask of the points that either mask marks; None marks no point."""
+    """Return the mask of the points that are True in either of two masks.
+
+    Args:
+        first, second: masks of one shape; None is a mask without a point.
+
+    Returns:
+        The mask; None if both are None.
+    """
     if first is None:
         return second
     if second is None:
@@ -387,10 +432,11 @@ def _union(
 
 
 def residual_surface(surface: Surface, result: ContactResult) -> Surface:
-    """Return the surface that a result leaves behind, which another scene can take up.
+    """Return the surface after a contact: the heights less the plastic displacement.
 
-    A capped contact keeps its plastic displacement, so any load will do.  J2 flow shows
-    only after unloading: the displacement that remains is the plastic one.
+    The result of a body with a hardness has the plastic displacement at every load.
+    That of a J2 body does not, so that its load path must end at 0: the displacement
+    that then remains is the plastic one.
 
     Args:
         surface: the surface of the scene that was solved.

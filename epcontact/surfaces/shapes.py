@@ -106,8 +106,7 @@ class Sinusoid(Generated):
         return np.asarray(math.prod(np.ix_(*waves), start=self.amplitude))
 
     def _about(self) -> dict[str, Any]:
-        """Return {"shortest_wavelength": the shortest wavelength of this sinusoid,
-        m}."""
+        """Return the shortest wavelength of this sinusoid in m, by its name."""
         shortest_period = min(self.periods[axis] for axis in self._axes)
         return {"shortest_wavelength": shortest_period / self.waves}
 

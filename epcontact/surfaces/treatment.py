@@ -131,6 +131,11 @@ class Preparation(Fields):
     ] = None
 
     def __post_init__(self: Any) -> None:
+        """Check the steps of this recipe.
+
+        Raises InvalidScene if a value is not allowed, or if the shortest wavelength is
+        not below the longest.
+        """
         super().__post_init__()
         if self.form is not None:
             form = number("form", self.form, "0, 1 or 2", lambda v: v in (0, 1, 2))
@@ -145,8 +150,9 @@ class Preparation(Fields):
 
     @property
     def steps(self: Any) -> str:
-        """The steps as a part of a fingerprint; those left at their defaults are not
-        named.
+        """The treatment of this recipe as a text, a part of the recipe's fingerprint.
+
+        Steps that are left at their defaults are not named.
         """
         words: str = f"{self.treatment}/2"
         for name in (
@@ -240,9 +246,13 @@ def prepare_surface(
 
 
 def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
-    """Yield a warning of a repeated height, far from all others, such as -9999.
+    """Yield a warning of a repeated height that is far from all others, such as -9999.
 
-    An instrument may mark points without a height by it.
+    An instrument may use such a number to mark points without a height.
+
+    Args:
+        heights: (nx, ny) or (nx,), in m, NaN where missing.
+        unit: the unit of the heights in the file, in m; the note has that unit.
     """
     for mark in (np.nanmin(heights), np.nanmax(heights)):
         marked = heights == mark
@@ -256,14 +266,17 @@ def _mark_notes(heights: FloatArray, unit: float) -> Iterator[str]:
 
 
 def find_outliers(heights: FloatArray) -> NDArray[np.bool_]:
-    """Return the mask of the spikes, which are at most two points wide.
+    """Return the mask of the outliers of a map: spikes of at most two points' width.
 
     A spike is far from the median of its 3 x 3 neighbourhood, compared with usual
     differences of neighbours (`SPIKE`) and with the spread of the heights in the ring
     of points around it (`SPREAD`).
 
     Args:
-        heights: (nx, ny) or (nx,), NaN where missing, which is no outlier.
+        heights: (nx, ny) or (nx,), in any unit; NaN where missing, which is no outlier.
+
+    Returns:
+        An array of the shape of the heights, True at outliers.
     """
     from scipy import ndimage
 
@@ -290,7 +303,15 @@ def find_outliers(heights: FloatArray) -> NDArray[np.bool_]:
 def _spike_notes(
     heights: FloatArray, spikes: NDArray[np.bool_], recipe: Any
 ) -> Iterator[str]:
-    """Yield how many outliers there are and where; warn the user if they stay."""
+    """Yield a note on the number of outliers and their positions.
+
+    If the outliers stay in the map, the note is also a warning to the user.
+
+    Args:
+        heights: (nx, ny) or (nx,).
+        spikes: the mask of the outliers, of the same shape, with at least one.
+        recipe: a `Preparation` with `periods` (m).
+    """
     spacing = np.divide(recipe.periods, heights.shape)
     points = np.argwhere(spikes)
     places = []
@@ -318,10 +339,19 @@ def _spike_notes(
 def _without_form(
     heights: FloatArray, recipe: Any, tilted: bool
 ) -> tuple[FloatArray, list[str]]:
-    """Return the heights without the form that is removed, and notes on it.
+    """Return the heights of a map without its form, a least-squares polynomial.
 
-    Where the recipe does not say which form, it is the plane of a map that is mirrored
-    or jumps at its edges because it is `tilted`.
+    If the recipe does not state a form, a plane is removed from a map that is mirrored
+    or tilted, and nothing from any other map.
+
+    Args:
+        heights: (nx, ny) or (nx,), in m, NaN where missing.
+        recipe: a `Preparation` with `treatment`.
+        tilted: True if the map jumps at its edges because it is tilted.
+
+    Returns:
+        The heights (the same array if nothing is removed), and sentences on what was
+        removed.
     """
     order = recipe.form
     if order is None and (tilted or recipe.treatment == "mirrored"):
@@ -340,7 +370,13 @@ def _without_form(
 
 
 def _is_tilted(heights: FloatArray) -> bool:
-    """Return whether heights jump at edges mostly because the map is tilted."""
+    """Return True if heights jump at an edge mostly because the map is tilted.
+
+    Without its least-squares plane, the jump at that edge is then less than half.
+
+    Args:
+        heights: (nx, ny) or (nx,), NaN where missing.
+    """
     complete = fill_holes(heights, "nearest")
     jumps = edge_jumps(complete)
     level_jumps = edge_jumps(remove_form(complete, 1))
@@ -351,7 +387,7 @@ def _is_tilted(heights: FloatArray) -> bool:
 
 
 def remove_form(heights: FloatArray, order: int) -> FloatArray:
-    """Return heights without their least-squares polynomial of x and y.
+    """Return a new array of heights without their least-squares polynomial of x and y.
 
     Args:
         heights: (nx, ny) or (nx,); points that are NaN stay so and do not count.
@@ -378,10 +414,16 @@ def remove_form(heights: FloatArray, order: int) -> FloatArray:
 def _without_holes(
     heights: FloatArray, given: NDArray[Any], missing: str
 ) -> tuple[FloatArray, list[str]]:
-    """Return the heights with filled holes, and a note if the map itself has holes.
+    """Return the heights of a map with all missing ones filled, and notes on them.
 
-    Where missing heights are refused, the only holes are those of removed outliers,
-    which are filled by the method "harmonic".
+    Args:
+        heights: (nx, ny) or (nx,), in m, NaN where missing or removed as an outlier.
+        given: the heights before outliers were removed, of the same shape.
+        missing: the method, "nearest" or "harmonic"; "refuse": only removed outliers
+            are missing, which are filled by the method "harmonic".
+
+    Returns:
+        The heights, and a list of one sentence if the given map has missing heights.
     """
     method = "harmonic" if missing == "refuse" else missing
     absent = int(np.count_nonzero(np.isnan(given)))
@@ -394,10 +436,12 @@ def _without_holes(
 
 
 def fill_holes(heights: FloatArray, method: str) -> FloatArray:
-    """Return heights in which every NaN is replaced; without any, the heights.
+    """Return heights in which every NaN is replaced by a value from its neighbours.
+
+    Without a NaN, the given array itself is returned.
 
     Args:
-        heights: (nx, ny) or (nx,), with at least one height.
+        heights: (nx, ny) or (nx,), in any unit, with at least one height.
         method: "nearest" takes the height of the nearest point.  "harmonic" solves
             Laplace's equation: each filled height is the mean of its neighbours.
     """
@@ -454,12 +498,22 @@ def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
 
 
 def _is_jumping(jumps: list[tuple[float, float]]) -> bool:
-    """Return whether an edge jump is too large for a periodic map."""
+    """Return True if the jump at an edge is too large for a periodic map.
+
+    Args:
+        jumps: for each axis the rms jump at the edge and the largest rms jump between
+            neighbouring rows, in one unit, as `edge_jumps` returns them.
+    """
     return any(edge > LARGEST_JUMP * inside for edge, inside in jumps)
 
 
 def _jump_words(jumps: list[tuple[float, float]]) -> str:
-    """Return the jumps across x and y in words."""
+    """Return the jumps of a map in words, for a note.
+
+    Args:
+        jumps: for each axis the rms jump at the edge and the largest rms jump between
+            neighbouring rows, in m.
+    """
     words = []
     for axis, (edge, inside) in zip("xy", jumps, strict=False):
         neighbours = f"between neighbours at most {inside:.3g} m"
@@ -470,7 +524,18 @@ def _jump_words(jumps: list[tuple[float, float]]) -> str:
 def _within_band(
     heights: FloatArray, periods: tuple[float, ...], recipe: Any
 ) -> tuple[FloatArray, list[str]]:
-    """Return the heights without the waves that the recipe removes, and a note."""
+    """Return the heights without the waves that the recipe removes.
+
+    Args:
+        heights: (nx, ny) or (nx,), in m, without NaN.
+        periods: lengths of the period along each direction, in m.
+        recipe: its `longest_wavelength` and `shortest_wavelength` (m, or None) are the
+            limits of the band.
+
+    Returns:
+        The heights (the same array if no limit is given), and a list of one sentence if
+        waves are removed.
+    """
     bounds = []
     lowest, highest = 0.0, math.inf
     if recipe.longest_wavelength is not None:
@@ -486,10 +551,16 @@ def _within_band(
 
 
 def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
-    """Add notes on the slopes of a map, and the errors by the treatment of its edges.
+    """Return the surface with notes on its slopes and the errors by its edges.
 
-    There are no such errors if the edges were not treated, because the map is
-    periodic, or if the map is flat.
+    The errors are those that the treatment of the edges causes in results, as fractions
+    (see EDGE_ERRORS).  A flat map has none.
+
+    Args:
+        surface: the treated surface.
+        recipe: a `Preparation` with `treatment` and the map's `periods` (m).
+        treated: True if the map is mirrored, was tilted, or jumps at its edges; a
+            periodic map has no such errors.
     """
     inside = inner_moments(surface)
     notes = [*surface.notes, *_slope_notes(surface, inside.rms_slope)]
@@ -513,9 +584,11 @@ def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
 
 
 def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:
-    """Yield the rms slopes of a map where they differ.
+    """Yield a note for each definition of the rms slope that gives another value.
 
-    `slope` is that of the spectrum without the jumps at the edges.
+    Args:
+        surface: the treated surface.
+        slope: its dimensionless rms slope by the spectrum without jumps at the edges.
     """
     by_steps = surface.rms_slope
     with_edges = surface_moments(surface).rms_slope
