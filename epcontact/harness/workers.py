@@ -81,7 +81,10 @@ class Worker:
             try:
                 self._pipe.send(sys.path)
                 self._pipe.send((function, arguments))
-                if not self._pipe.poll(limit if limit < _LONGEST else None):
+                seconds: float | None = limit
+                if limit >= _LONGEST:
+                    seconds = None  # the pipe waits without a limit
+                if not self._pipe.poll(seconds):
                     raise WorkerDied(
                         f"was not finished within {limit:g} s and was ended"
                     )

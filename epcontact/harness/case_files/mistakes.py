@@ -63,7 +63,8 @@ def _tables() -> dict[str, dict[str, Any]]:
             kinds = {"": form.get("$ref", "")}
         for kind, reference in kinds.items():
             table = schema["$defs"].get(reference.rpartition("/")[2], form)
-            tables[f"{name}, {kind}" if kind else name] = table
+            full_name = f"{name}, {kind}" if kind else name
+            tables[full_name] = table
     return tables
 
 
@@ -216,8 +217,13 @@ def _key_at(location: tuple[Any, ...]) -> str:
     ]
     if parts[:1] == ["gate"] and len(parts) > 1:
         parts[:2] = [f"gate {parts[1] + 1}"]
-    keys = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)
-    return "".join(keys).removeprefix(".") or "the case"
+    key = ""
+    for part in parts:
+        if isinstance(part, int):
+            key += f"[{part}]"
+        else:
+            key += f".{part}"
+    return key.removeprefix(".") or "the case"
 
 
 def _keys_beside(location: tuple[Any, ...]) -> Mapping[str, Any]:

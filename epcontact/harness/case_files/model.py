@@ -607,8 +607,9 @@ class Case(Table):
         replaced = {(gate.of, gate.quantity) for gate in own}
         shared = [
             gate
-            for gate in (default_gates() if self.gate else ())
-            if gate.of in self.methods
+            for gate in default_gates()
+            if self.gate
+            and gate.of in self.methods
             and self.size in (gate.sizes or ())
             and (gate.of, gate.quantity) not in replaced
         ]

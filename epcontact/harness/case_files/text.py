@@ -264,7 +264,8 @@ def _size_tables(value: Any) -> Iterator[Mapping[str, Any]]:
     if _is_size_table(value):
         yield value
     elif isinstance(value, Mapping | list):
-        for item in value.values() if isinstance(value, Mapping) else value:
+        items = value.values() if isinstance(value, Mapping) else value
+        for item in items:
             yield from _size_tables(item)
 
 
@@ -318,4 +319,5 @@ def _with_gate(where: str, gates: Sequence[Any], gate: Any) -> list[Any]:
         raise InvalidCase(
             f"{where}: its gate on {quantity!r} could complete any of {len(same)}"
         )
-    return [g | gate if g is same[0] else g for g in gates]
+    index = gates.index(same[0])
+    return [*gates[:index], same[0] | gate, *gates[index + 1 :]]

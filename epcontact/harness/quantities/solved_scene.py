@@ -67,7 +67,9 @@ class SolvedScene:
                 f"{self.result.method} gives a {name} of shape {np.shape(values)} on a "
                 f"grid of {shape}"
             )
-        return np.asarray(values, dtype=None if name == "state" else np.float64)
+        if name == "state":
+            return np.asarray(values)
+        return np.asarray(values, dtype=np.float64)
 
     @cached_property
     def pressure(self) -> FloatArray:

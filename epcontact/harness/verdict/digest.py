@@ -30,4 +30,6 @@ def digest_of(verdict: Mapping[str, Any], folder: Path) -> str:
             path = folder / case["id"] / case["size"] / f"{name}.json"
             if method["surfaces"] and path.is_file():
                 digests += hashlib.sha256(path.read_bytes()).digest()
-    return of_verdict + (hashlib.sha256(digests).hexdigest() if digests else "")
+    if not digests:
+        return of_verdict
+    return of_verdict + hashlib.sha256(digests).hexdigest()

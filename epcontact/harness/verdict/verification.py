@@ -145,7 +145,10 @@ def _load_with_gates(
             raise InvalidCase(
                 f"cases has {case!r:.60}, but must be names, paths or loaded cases"
             )
-        texts += find_named(case) if isinstance(case, str | Path) else [case]
+        if isinstance(case, str | Path):
+            texts += find_named(case)
+        else:
+            texts.append(case)
     loaded = load_cases(texts, size)
     for text, case in zip(texts, loaded, strict=True):
         if text is not case:
@@ -159,11 +162,10 @@ def require_gate(case: Case) -> None:
     Without this check, such a case would count as one that holds.
     """
     if not case.gates and not case.skip:
+        command = "run" if case.sweep is None else "sweep"
         raise InvalidCase(
             f"{case.path}: {case.id} has no gate to judge; add a table [[gate]], or "
-            "verify = false "
-            "to [case], and solve it by `epcontact "
-            f"{'run' if case.sweep is None else 'sweep'}`"
+            f"verify = false to [case], and solve it by `epcontact {command}`"
         )
 
 
