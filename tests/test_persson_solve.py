@@ -33,7 +33,7 @@ from epcontact.persson.separation import (
 from epcontact.persson.validity import expectation
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import SelfAffine
-from epcontact.surfaces.spectrum import density, spectral_moment
+from epcontact.surfaces.spectrum import density
 
 #: Hurst exponent, lowest, roll-off and highest wavenumber (rad/m), rms slope.
 SPECTRUM = SelfAffineSpectrum(0.8, 1.0e5, 2.0e5, 16.0e5, 1.0)
@@ -414,18 +414,6 @@ def test_orders_of_the_separation():
     orders = np.log2(by_bands[:-1] / by_bands[1:])
     assert np.all((orders > 1.7) & (orders < 2.4))
     assert by_bands[-1] < 5e-5 * values[-1]  # the default
-
-
-def test_small_loads_part_the_surfaces_logarithmically():
-    """The separation falls by the same amount in each decade of light loads, by Yang
-    and Persson.
-
-    The amount over ln 10 is about half the rms height.
-    """
-    drop = -np.diff([mean_separation(model(), p) for p in (1e3, 1e4, 1e5)])
-    assert_allclose(drop[0], drop[1], rtol=1e-4)
-    height = math.sqrt(spectral_moment(WIDE, 0))
-    assert 0.2 < drop[0] / math.log(10) / height < 1.0  # u_0 of about h_rms / 2
 
 
 def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():

@@ -112,7 +112,7 @@ def gates_of(fault):
 
 def status_under(fault, output):
     """Return the status of the fault's gate, the first if there are several: "holds",
-    "fell short" or "error".
+    "falls short" or "error".
 
     Only this gate is judged, with the methods that it needs; results go to the folder
     `output`. With the fault in place this is what `epcontact verify` finds.
