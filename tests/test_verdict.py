@@ -240,7 +240,7 @@ TWINS = MethodResults(2 * answer("bem", 0.1).results, ("a", "b"))
         (of_bem(**failed("bem")), "error", "stalled"),
         (of_bem(**failed("bem", 0.1, 0.1)), "error", "stalled"),
         (of_bem(0.1, **failed("persson")), "error", "stalled"),
-        (of_bem(bem=TWINS), "error", "surfaces a and b the same answer"),
+        (of_bem(bem=TWINS), "error", "surfaces a and b the same result"),
     ],
 )
 def test_status_of_a_case(case, given, status, why):

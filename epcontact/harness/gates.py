@@ -72,7 +72,8 @@ class Estimate(Record):
     )
     count: int = Field(alias="surfaces", ge=0, description="number of averaged values")
     claimed_error: Number | None = Field(
-        default=None, description="that the answers claim"
+        default=None,
+        description="error estimate of the mean, as reported by the method",
     )
 
 
@@ -308,12 +309,13 @@ class GateVerdict(Record):
     difference: Estimate | None = None
     grid_error: Number | None = Field(
         default=None,
-        description="claimed error of the limits in the difference, which widens its "
-        "interval",
+        description="error estimate of values at a vanishing grid spacing, which "
+        "widens the interval of the difference",
     )
     half_width: Number = Field(
         default=0.0,
-        description="half the interval that must be in the band: scatter and claim",
+        description="half the width of the interval that must be in the band, from the "
+        "scatter and the error estimate",
     )
     error: str | None = Field(
         default=None, description="why the gate could not be judged"

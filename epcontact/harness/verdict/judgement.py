@@ -83,7 +83,7 @@ class CaseVerdict(Record):
         default="", description="the case file, which may hold several cases"
     )
     size: FileName
-    scene: str = Field(default="", description="SHA-256 of the scenes of its answers")
+    scene: str = Field(default="", description="SHA-256 of the scenes of its results")
     status: Literal["holds", "falls short", "error", "skipped"]
     requirement: str
     source: str
@@ -148,7 +148,7 @@ class Verdict(Record):
     )
     cases: list[CaseVerdict]
     digest: str = Field(
-        default="", description="SHA-256 of the verdict and of its answers"
+        default="", description="SHA-256 of the verdict and of its results"
     )
 
     @classmethod
@@ -176,7 +176,7 @@ class Verdict(Record):
             }:
                 return verdict
         why = (
-            "it or an answer beside it was changed, moved or written by another version"
+            "it or a result beside it was changed, moved or written by another version"
         )
         raise OutputError(f"cannot read {file}: {why}; run verify again")
 
@@ -398,7 +398,7 @@ def _verdict_or_error(
             method = side.results[0].method
             return unjudged_verdict(
                 gate,
-                f"{method} gives the surfaces {' and '.join(equal)} the same answer, "
+                f"{method} gives the surfaces {' and '.join(equal)} the same result, "
                 "so that the scatter of the ensemble says nothing; give it different "
                 "surfaces",
             )
@@ -609,7 +609,7 @@ def _distances(
         references *= len(of.results)
     if len(references) != len(of.results):
         raise EpcontactError(
-            "distributions can be compared with one answer, or with one for each "
+            "distributions can be compared with one result, or with one for each "
             "surface"
         )
     distances = []
