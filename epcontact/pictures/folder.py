@@ -199,7 +199,8 @@ def draw_sweep(
 def draw_films(folder: Path) -> Pictures:
     """Draw a film of every load path whose fields are in a folder.
 
-    A path of one load has no film.
+    The fields of a path are in a subfolder such as "bem-steps".  The film, a .gif, and
+    its caption are written into the folder itself.  A path of one load has no film.
 
     Returns:
         The names of the films (.gif), and why some could not be drawn.

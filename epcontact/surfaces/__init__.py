@@ -42,7 +42,10 @@ CaseSurface = (
 
 
 def recipes_of(surface: CaseSurface) -> tuple[Recipe, ...]:
-    """Return the recipes of a table [surface]: one for each seed, or the table itself.
+    """Return the recipes of all surfaces of a case file's table [surface].
+
+    An ensemble has one recipe for each seed.  Any other table is a recipe itself, or,
+    for a file of heights that are mirrored, the recipe of the mirrored map.
 
     Example:
         >>> len(recipes_of(Paraboloid((1e-3,), (8,), radius=1e-2)))

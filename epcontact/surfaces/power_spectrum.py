@@ -44,7 +44,11 @@ class Moments(NamedTuple):
 def surface_moments(surface: Surface) -> Moments:
     """Return rms height (m), slope and curvature (1/m) of a surface or line.
 
-    They are exact sums over the Fourier modes of the heights.
+    The values are exact sums over the Fourier modes of the heights.  The curvature of a
+    surface is half the Laplacian, and that of a line the second derivative.
+
+    Args:
+        surface: a surface or line with its heights (m) and periods (m).
     """
     sums = np.zeros(3)
     for q, variance in _mode_variances(surface):
@@ -85,7 +89,11 @@ def inner_moments(surface: Surface) -> Moments:
     """Return rms height (m), slope and curvature (1/m) without jumps at the edges.
 
     If the heights of the surface jump at the edges of the period, the values are those
-    of the mirrored heights, which have no jumps.
+    of the mirrored heights, which have no jumps.  Jumps are recognised by an rms slope
+    that exceeds that of the mirrored heights by 2 %.
+
+    Args:
+        surface: a surface or line with its heights (m) and periods (m).
     """
     periodic = surface_moments(surface)
     mirrored = even_moments(surface.heights, surface.spacing)

@@ -186,6 +186,12 @@ class SelfAffineEnsemble(Fields):
     kind: Literal["self_affine"] = "self_affine"
 
     def __post_init__(self) -> None:
+        """Check how this ensemble gives its grid, and its seeds.
+
+        Raises InvalidScene if both or neither of `shape` and
+        `points_per_shortest_wavelength` are given, or if a seed is no whole number from
+        0 on.
+        """
         if (self.shape is None) == (self.points_per_shortest_wavelength is None):
             raise InvalidScene("give either points_per_shortest_wavelength or shape")
         seeds = tuple(integer("seeds", n, 0) for n in as_tuple(self.seeds))

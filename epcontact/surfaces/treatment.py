@@ -484,8 +484,15 @@ def fill_holes(heights: FloatArray, method: str) -> FloatArray:
 def edge_jumps(heights: FloatArray) -> list[tuple[float, float]]:
     """Return for each axis the jump at the edge and the largest jump inside.
 
-    A jump is the rms difference of two rows across the axis, in the unit of the
-    heights: the last and the first row at the edge, neighbouring rows inside.
+    A jump is the rms difference of two rows across the axis: the last and the first row
+    at the edge, neighbouring rows inside.
+
+    Args:
+        heights: (nx, ny) or (nx,), in any unit, without NaN.
+
+    Returns:
+        A pair (jump at the edge, largest jump inside) for each axis, in the unit of the
+        heights.
     """
     jumps = []
     for axis in range(heights.ndim):

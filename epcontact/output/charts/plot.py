@@ -397,6 +397,10 @@ def _draw_front(axes: Any, all_series: Sequence[_Series]) -> None:
     The x of a point is a cost and its y an error; the front joins the points that no
     other point beats in both.  A point with an error of zero is not on the logarithmic
     axis, but it beats every point of a higher cost and so ends the front.
+
+    Args:
+        axes: the axes of matplotlib.
+        all_series: the series of the chart; at least one of them is not a curve.
     """
     points = [one for one in all_series if one.style != "curve"]
     cost = np.concatenate([one.x for one in points])
