@@ -218,10 +218,11 @@ def test_a_case_without_a_gate_is_run_and_passes_for_no_verified_one(
 
 
 def test_every_load_is_written_and_reused_where_asked(write_case, tmp_path):
-    """Fields of each load are written with `fields="steps"`, and reused if they fit.
+    """`fields="first"` writes the last load's fields of the first surface, "steps" of
+    each load, and a saved result is reused if its fields fit.
 
-    Fields of another precision, missing or spoilt files are solved again, and those of
-    another load are deleted.
+    Double precision serves a run that asks for single, but not the other way round.
+    Missing or spoilt files are solved again, and those of another load are deleted.
     """
     methods = ('methods = ["persson", "bem"]', 'methods = ["bem", "fem"]')
     fem = ("[load]", '[fem]\nlaw = "elastic"\nlayers = 2\n\n[load]')

@@ -94,7 +94,10 @@ def terminal_width(monkeypatch):
 
 @pytest.fixture
 def check_screen(file_regression):
-    """Return a function that compares a text with the saved screen of the test."""
+    """Return a function that fails unless a text equals the test's saved screen.
+
+    Words must be equal, numbers within the tolerances of `compare_screens`.
+    """
 
     def check(text):
         """Compare the lasting part of the text with the saved screen."""
@@ -163,17 +166,17 @@ def metals(tmp_path_factory):
 
 
 def test_run(metals, check_screen):
-    """The screen of `run` at two loads."""
+    """`run` prints its saved screen at two loads."""
     check_screen(metals.screens["run"])
 
 
 def test_verify(metals, check_screen):
-    """The screen of `verify` with a gate that falls short."""
+    """`verify` prints its saved screen with a gate that falls short."""
     check_screen(metals.screens["verify"])
 
 
 def test_report(metals, check_screen):
-    """The words of the page, without the list of the quantities that no gate reads."""
+    """The page has its saved words; the quantities that no gate reads are left out."""
     page = tree_of(metals.home / "report.html")
     texts = []
     for element in page.iter():
@@ -187,18 +190,18 @@ def test_report(metals, check_screen):
 
 
 def test_gates(metals, check_screen):
-    """The screen of `gates`: the bands and the last values of a case's gates."""
+    """`gates` prints its saved screen of the bands and last values of a case."""
     check_screen(metals.screen("gates", metals.case, "--output", metals.home))
 
 
 def test_plan(metals, check_screen):
-    """The screen of `plan` for areas within 7 %."""
+    """`plan` prints its saved screen for areas within 7 %."""
     options = ("--tolerance", "7%", "--check")
     check_screen(metals.screen("plan", metals.case, *options))
 
 
 def test_cite(metals, check_screen):
-    """The screen of `cite`: the literature that a case uses."""
+    """`cite` prints its saved screen of the literature that a case uses."""
     check_screen(metals.screen("cite", metals.case))
 
 
@@ -212,36 +215,36 @@ def screen_of(command):
 
 
 def test_list(check_screen):
-    """The screen of `list`: all cases of the package."""
+    """`list` prints its saved screen of all cases of the package."""
     check_screen(screen_of("list"))
 
 
 def test_keys(check_screen):
-    """The screen of `keys`: all keys of a case file."""
+    """`keys` prints its saved screen of all keys of a case file."""
     check_screen(screen_of("keys"))
 
 
 def test_chart(check_screen):
-    """The screen of `chart`: all studies."""
+    """`chart` prints its saved screen of all studies."""
     check_screen(screen_of("chart"))
 
 
 def test_hardness(check_screen):
-    """The screen of `hardness` for a metal in SI units."""
+    """`hardness` prints its saved screen for a metal in SI units."""
     metal = "--yield-stress 1e9 --young-modulus 7e10 --poisson-ratio 0.2"
     surface = "--mean-pressure 2e8 --rms-slope 0.1 --breadth 9"
     check_screen(screen_of(f"hardness {metal} {surface}"))
 
 
 def test_joint(check_screen):
-    """The screen of `joint` for two conducting bodies in SI units."""
+    """`joint` prints its saved screen for two conducting bodies in SI units."""
     bodies = "--conductivities 16 50 --hardness 3e9 --effective-modulus 2e10"
     surface = "--rms-height 3e-6 --rms-slope 0.2 --mean-pressure 3e7 --breadth 9"
     check_screen(screen_of(f"joint {bodies} {surface}"))
 
 
 def test_verify_of_many_cases(check_screen, capsys):
-    """Three cases hold, two fall short, one has an error and one is skipped."""
+    """Of seven cases three hold, two fall short, one has an error, one is skipped."""
     first, second, third = verdict().cases
     judged = [first, second, third]
     for number, case in enumerate((first, first, second)):
@@ -263,7 +266,7 @@ def test_verify_of_many_cases(check_screen, capsys):
 
 
 def test_compare(check_screen, tmp_path):
-    """The screen of `compare` for two tables of values that differ."""
+    """`compare` prints its saved screen for two tables of values that differ."""
     old, new = changed_tables()
     old.to_csv(tmp_path / "old.csv")
     new.to_csv(tmp_path / "new.csv")
@@ -273,7 +276,7 @@ def test_compare(check_screen, tmp_path):
 
 
 def test_sweep(check_screen, tmp_path, write_case):
-    """Six points of the theory alone."""
+    """A sweep of six points by the theory alone prints its saved screen."""
     axes = """
 [sweep]
 load.mean_pressure = [2e8, 4e8]

@@ -312,6 +312,10 @@ def cheapest(
 ) -> Candidate:
     """Return the cheapest grid that meets the tolerance, or the most accurate one.
 
+    The error of a candidate combines that of the grid with the scatter of the mean over
+    its surfaces.  A candidate whose largest allowed number of surfaces leaves too much
+    scatter does not meet the tolerance.
+
     Args:
         recipes: The surfaces of the case.
         pilots: The pilots that were solved.

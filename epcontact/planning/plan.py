@@ -634,8 +634,11 @@ _CORRECTED = re.compile(r"area\.(total|elastic|plastic)\.corrected")
 def _is_plannable(gate: Gate) -> bool:
     """Return whether a gate depends on the grid only through corrected areas.
 
-    Gates on methods without a grid, on residuals and on counts of iterations do not
-    depend on the grid.
+    Corrected areas are those in the limit of a vanishing grid spacing.  Gates on
+    methods without a grid, on residuals, on counts of iterations and on the identities
+    that are measured on a result (`quantity.measured_...`) do not depend on the grid.
+    The exception is the identity `measured_carried`, which compares corrected areas
+    with the load that the pressures carry.
     """
     if not METHODS[gate.of].has_fields or _CORRECTED.fullmatch(gate.quantity):
         return True

@@ -59,7 +59,8 @@ def density(
 ) -> FloatArray:
     """Return the power spectral density C(q) of a surface, or C1(q) of a line.
 
-    C is in m^4 and the one-sided C1 in m^3.
+    C is in m^4, with the variance of the heights 2 pi int q C dq; the one-sided C1 is
+    in m^3, with the variance int C1 dq.
 
     Args:
         spectrum: the spectrum.

@@ -111,8 +111,11 @@ def judged(table):
 
 
 def accepted(table):
-    """Return the rows of a table whose load, breadth, area and patches are those that
-    `joint_conductance` accepts.
+    """Return the rows of a table of joints that `joint_conductance` accepts.
+
+    Its columns are load (mean pressure over hardness), hardness (over E* times rms
+    slope), breadth (of the spectrum: roll-off over shortest wavelength of the slope)
+    and patches (number of contact patches), all without dimension.
     """
     area = laws.contact_area(table["load"], table["hardness"])
     kept = (area <= laws.FULL) & (table["patches"] >= study.FEWEST)

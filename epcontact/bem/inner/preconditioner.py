@@ -366,7 +366,7 @@ def add_cells(cell: Any, shift: Any, out: Any, other: Any) -> tuple[float, float
 
 @compiled
 def dot(a: Any, b: Any) -> float:
-    """Return the sum of a b, two arrays (n,).
+    """Return the dot product of two real arrays (n,), a number.
 
     A library of linear algebra would start threads, which cost more than they gain.
     """
