@@ -32,13 +32,16 @@ PLASTIC = 2
 #: area, quantities that follow from the fields of a load, the fractions of the contact
 #: points and of the load on heights that were not measured but filled, and the hardness
 #: of the load.  "flowed_area" is the contact that has flowed at some load; it replaces
-#: the plastic area of a J2 body whose load has fallen.
+#: the plastic area of a J2 body whose load has fallen.  "flowed_share" is the fraction
+#: of the grid points that flow or have flowed before, in contact or not: of a load at
+#: which points stay flattened that do not flow any more.
 COLUMNS: Mapping[str, str] = {
     "mean_pressure": "Pa",
     "total_area": "",
     "elastic_area": "",
     "plastic_area": "",
     "flowed_area": "",
+    "flowed_share": "",
     "mean_gap": "m",
     "stiffness_loading": "Pa/m",
     "stiffness_unloading": "Pa/m",
@@ -153,6 +156,8 @@ class LoadStep:
         values = {"mean_pressure": self.mean_pressure}
         for name, value in self.quantities.items():
             values[name.replace(".error", "_error_by_grid")] = value
+        if values.get("flowed_share") == self.areas["raw"].plastic:
+            del values["flowed_share"]  # the plastic area says the same
         for part, area in vars(self.best_areas).items():
             values[f"{part}_area"] = area
         for kind, areas in self.areas.items():

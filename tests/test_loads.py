@@ -26,9 +26,10 @@ from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
 from epcontact.output.loads import load_cells
+from epcontact.output.vtk import read_fields
 from epcontact.pictures.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
-from epcontact.results import COLUMNS, ELASTIC, ContactResult
+from epcontact.results import COLUMNS, ELASTIC, PLASTIC, ContactResult
 from epcontact.scene import Load, Material, Scene, Surface
 
 PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 3.0e8]")
@@ -131,6 +132,46 @@ def test_a_percolation_is_the_fraction_of_the_closest_points_that_connects(ran):
     points = limit.raw * rank.size
     assert find_patches(rank < points).spans
     assert not find_patches(rank < points - 1).spans
+
+
+def test_a_path_that_ends_at_no_load_shows_its_peak_and_what_it_leaves(
+    write_case, tmp_path
+):
+    """After a path back to no load there are fields and maps of the peak and of the
+    end, and the flattened points are counted at each smaller load.
+
+    The fraction is that of the points at the hardness under the largest load.  Without
+    fields, the run of another path leaves no peak of this one behind.
+    """
+    path = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 0.0]")
+    file = write_case(BEM, AREA, path, ("[3, 5, 7]", "[3]"))
+    done = invoke("run", file, "--output", tmp_path, "--jobs", 1, "--charts")
+    assert done.returncode == 0, done
+    assert "largest load in bem-seed3-peak.vti, at the last in bem-seed3.vti" in (
+        done.stdout
+    )
+    folder = tmp_path / "small" / "fast"
+    peak, end = (read_fields(folder / f"bem-seed3{name}.vti") for name in ("-peak", ""))
+    case = load_case(file)
+    _, expected = solve_until(case, 1, case.recipes[0])
+    assert peak.attributes["mean_pressure"] == 5e8
+    pressure = np.float32(expected.fields["pressure"])
+    assert peak.fields["pressure"] == pytest.approx(pressure, rel=1e-5, abs=1e3)
+    flowed = np.mean(expected.fields["state"] == PLASTIC)
+    assert np.mean(end.fields["plastic_displacement"] > 0) == flowed > 0
+    rows = json.loads((folder / "bem.json").read_text())["loads"]
+    shares = [row.get("flowed_share", {}).get("mean") for row in rows]
+    assert shares == [None, None, flowed, flowed]
+    counts = pd.read_csv(folder / "contact-bem.csv").set_index("quantity").squeeze()
+    assert counts["apart, flattened before"] == flowed
+    assert (
+        "largest load of the path, 500 MPa"
+        in (folder / "contact-bem-peak.txt").read_text()
+    )
+    assert not (folder / "pressure-distribution.png").exists()
+    write_case(BEM, AREA, ("5.0e8", "4.0e8"), ("[3, 5, 7]", "[3]"))
+    invoke("verify", file, "--output", tmp_path, "--jobs", 1)
+    assert not [*folder.glob("*.vti")]
 
 
 def test_units_are_those_of_the_quantities():
@@ -251,6 +292,7 @@ def test_python_draws_what_a_run_draws(ran, tmp_path):
     drawn = {path.stem for path in folder.glob("*.csv") if "-step-" not in path.stem}
     # Only a run computes these.
     drawn -= {"loads-stiffness", "loads-conductance", "loads-percolation"}
+    drawn -= {"contact-bem-peak"}
     assert drawn == charts.keys() > {"power-spectrum", "loads-areas", "contact-bem"}
     for name, chart in charts.items():
         of_run = pd.read_csv(folder / f"{name}.csv")

@@ -482,21 +482,25 @@ def test_a_series_has_the_same_mark_in_each_colour(name):
 
 
 def test_error_bars_stand_side_by_side_at_their_marks():
-    """Error bars of four series at one x are more than a pixel apart, together less
-    than 10 pixels.
+    """Overlapping error bars of four series at one x are more than a pixel apart,
+    together less than 10 pixels, and each goes through its mark.
 
-    The marks stay at their x.
+    Bars that do not overlap stay at their x.
     """
     lines = lines_of(table_of_parts(), **LOOK_OF_PARTS)
     axes = next(iter(lines.values())).axes
-    for line in lines.values():
-        assert line.get_transform() == axes.transData  # marks are in place
     all_bars = axes.findobj(mpl.collections.LineCollection)
     positions = [bars.get_transform().transform((1, 1))[0] for bars in all_bars]
+    marks = [line.get_transform().transform((1, 1))[0] for line in lines.values()]
+    assert set(positions) <= set(marks)
     distances = np.diff(positions)
     assert len(distances) == 3
     assert np.all(distances > 1)  # pixels
     assert distances.sum() < 10
+    apart = with_bounds(table_of(a=([1], [1]), b=([1], [2])), 0.1)
+    for line in lines_of(apart).values():
+        place = line.axes.transData.transform((1, 1))[0]
+        assert line.get_transform().transform((1, 1))[0] == place
 
 
 def test_methods_keep_their_colours_and_others_do_not_borrow_them():

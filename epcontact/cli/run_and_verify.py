@@ -89,7 +89,11 @@ def run(
         _draw(chosen, results, settings.folder)
     if fields == "film":
         _draw_films(chosen, settings.folder)
-    click.echo(f"results in {chosen.folder(settings.folder)}")
+    folder = chosen.folder(settings.folder)
+    click.echo(f"results in {folder}")
+    for peak in sorted(folder.glob("*-peak.vti")):
+        last = peak.name.replace("-peak", "")
+        click.echo(f"fields at the largest load in {peak.name}, at the last in {last}")
 
 
 def _fields_of_run(fields: str) -> str:

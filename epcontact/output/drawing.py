@@ -16,7 +16,7 @@ import ctypes.util
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyvista as pv
@@ -24,7 +24,8 @@ from PIL import Image
 
 from epcontact.errors import OutputError
 from epcontact.output.charts import style
-from epcontact.output.charts.style import STATE_NAMES, unit_for
+from epcontact.output.charts.maps import flattened_depth, visible_state
+from epcontact.output.charts.style import FLATTENED, STATE_NAMES, unit_for
 from epcontact.output.vtk import FieldFile, read_fields, read_quietly
 from epcontact.results import ELASTIC, PLASTIC
 
@@ -197,28 +198,28 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         limits: one number, the pressure (Pa) at which the colour scale ends.
     """
     scale, unit = unit_for(max(file.periods), "m")
-    pressure_scale, pressure_unit = unit_for(limits[0], "Pa")
-    mesh = _surface_mesh(file, factor, scale, pressure_scale)
+    right = _right_panel(file, limits)
+    mesh = _surface_mesh(file, factor, scale, right)
     state_look: dict[str, Any] = {
         "cmap": list(style.STATE_COLOURS.values()),
-        "clim": (-0.5, 2.5),
+        "clim": (-0.5, len(style.STATE_COLOURS) - 0.5),
         # The colours are interpolated, not the states: otherwise an elastic rim would
         # appear between apart and plastic.
         "interpolate_before_map": False,
         "show_scalar_bar": False,
     }
-    pressure_look: dict[str, Any] = {
+    right_look: dict[str, Any] = {
         "cmap": style.PRESSURE_MAP,
-        "clim": (0.0, limits[0] / pressure_scale),
+        "clim": (0.0, right.largest / right.scale),
         "nan_color": "white",
-        "scalar_bar_args": _colour_bar(f"pressure ({pressure_unit}), white: none"),
+        "scalar_bar_args": _colour_bar(f"{right.label} ({right.unit}), white: none"),
     }
     sides = " × ".join(f"{length / scale:.4g}" for length in file.periods)
-    mean = float(np.mean(file.field("pressure"), dtype=np.float64)) / pressure_scale
-    state_title = (
-        f"Contact (shares of grid points): {sides} {unit}, heights × {factor:.3g}"
-    )
-    pressure_title = f"Contact pressure, mean {mean:.4g} {pressure_unit}"
+    mean = float(np.mean(file.field("pressure"), dtype=np.float64))
+    mean_scale, mean_unit = unit_for(mean, "Pa")
+    state_title = f"Contact: {sides} {unit}, heights × {factor:.3g}"
+    load = f"mean pressure {mean / mean_scale:.4g} {mean_unit}"
+    right_title = f"{right.label.capitalize()}; {load}"
     shading = {
         "smooth_shading": True,
         "ambient": 0.45,
@@ -227,7 +228,7 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     }
     panels = (
         ("state", state_look, state_title),
-        ("pressure", pressure_look, pressure_title),
+        (right.field, right_look, right_title),
     )
     for column, (name, look, title) in enumerate(panels):
         plotter.subplot(0, column)
@@ -236,32 +237,77 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
     plotter.subplot(0, 0)
-    states = file.field("state")
+    states = visible_state(file.fields)
     entries = []
-    for kind in (ELASTIC, PLASTIC):
+    for kind in (ELASTIC, PLASTIC, FLATTENED):
         percentage = 100 * np.mean(states == kind)
-        label = f"{STATE_NAMES[kind]} {percentage:.2f} %"
+        if kind == FLATTENED and percentage == 0:
+            continue
+        label = f"{STATE_NAMES[kind]} {percentage:.2f} % of points"
         entries.append((label, style.STATE_COLOURS[kind]))
     plotter.add_legend(
         entries, face="rectangle", loc="lower center", size=(0.22, 0.075), bcolor=None
     )
 
 
+class _RightPanel(NamedTuple):
+    """What the right panel of a surface shows.
+
+    Attributes:
+        field: the name of the field in the file.
+        label: what the field is, in words.
+        largest: the value at which the colour scale ends, in the SI unit of the field.
+        scale, unit: values are divided by this number, and then have this unit.
+    """
+
+    field: str
+    label: str
+    largest: float
+    scale: float
+    unit: str
+
+
+def _right_panel(file: FieldFile, limits: Limits) -> _RightPanel:
+    """Return what the right panel of a surface shows.
+
+    It is the contact pressure, or the plastic displacement if no point has a pressure,
+    which is so at the end of a path that ends at no load.
+
+    Args:
+        file: the fields of the surface.
+        limits: one number, the pressure (Pa) at which the colour scale ends.
+    """
+    depth = flattened_depth(file.fields)
+    if np.any(file.field("pressure") > 0) or depth is None or not np.any(depth > 0):
+        return _RightPanel(
+            "pressure", "contact pressure", limits[0], *unit_for(limits[0], "Pa")
+        )
+    name = "plastic_displacement"
+    deepest = float(np.max(depth))
+    return _RightPanel(name, name.replace("_", " "), deepest, *unit_for(deepest, "m"))
+
+
 def _surface_mesh(
-    file: FieldFile, factor: float, scale: float, pressure_scale: float
+    file: FieldFile, factor: float, scale: float, right: _RightPanel
 ) -> Any:
-    """Return the deformed surface as a mesh of pyvista with state and pressure.
+    """Return the deformed surface as a mesh of pyvista with the fields of both panels.
 
     Args:
         file: the fields of the surface: state, pressure (Pa) and gap (m).
         factor: the dimensionless number by which heights are stretched.
         scale: lengths are divided by this number (m).
-        pressure_scale: pressures are divided by this number (Pa).
+        right: the field of the right panel.
     """
+    fields = dict(file.fields)
+    depth = flattened_depth(fields)
+    if depth is not None:
+        # The gap is that to the surface before it flowed.
+        fields["gap"] = file.field("gap") + depth
+    fields["state"] = visible_state(fields)
     stride = max(1, -(-max(file.shape) // POINTS))
 
     def drawn(name: str, kind: type) -> np.ndarray:
-        """Return a field [x, y] of the file at the points that are drawn.
+        """Return a field [x, y] at the points that are drawn.
 
         The first row and the first column follow once more after the last ones.
 
@@ -269,11 +315,11 @@ def _surface_mesh(
             name: the name of the field.
             kind: the type of the numbers, such as np.float64.
         """
-        field: np.ndarray = np.asarray(file.field(name)[::stride, ::stride], dtype=kind)
+        field: np.ndarray = np.asarray(fields[name][::stride, ::stride], dtype=kind)
         return np.pad(field, (0, 1), mode="wrap")
 
     gap = drawn("gap", np.float64)
-    pressure = drawn("pressure", np.float64)
+    shown = drawn(right.field, np.float64)
     axes = []
     for count, distance, period in zip(
         gap.shape, file.spacing, file.periods, strict=True
@@ -285,8 +331,8 @@ def _surface_mesh(
     mesh = pv.StructuredGrid(*np.meshgrid(*axes, indexing="ij"), height * factor)
     mesh["state"] = drawn("state", np.intp).ravel(order="F")
     # Points without contact are NaN, not zero, so that they are white.
-    scaled = np.where(pressure > 0, pressure / pressure_scale, np.nan)
-    mesh["pressure"] = scaled.ravel(order="F")
+    scaled = np.where(shown > 0, shown / right.scale, np.nan)
+    mesh[right.field] = scaled.ravel(order="F")
     return mesh
 
 

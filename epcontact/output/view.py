@@ -188,7 +188,7 @@ def _steps(path: Path | str) -> list[Path]:
     for ending in (".pvd", ".vtu", ".vti"):
         of_surfaces = sorted(given.parent.glob(f"{given.stem}-*{ending}"))
         for file in (given.with_suffix(ending), *of_surfaces):
-            if file.is_file():
+            if file.is_file() and not file.stem.endswith("-peak"):
                 return _steps(path_inside(given.parent, file.name))
     raise OutputError(f"no fields lie beside {path}; run the case with its fields kept")
 

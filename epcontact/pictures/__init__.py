@@ -7,7 +7,9 @@
     residuals                 against the iterations of every method
     loads-QUANTITY            results of each method at every load of a path
     contact-METHOD            state and pressure of the first surface from above; also
-                              contact-METHOD-step-NUMBER for every load with fields
+                              contact-METHOD-peak at the largest load, if the path falls
+                              after it, and contact-METHOD-step-NUMBER for every load
+                              with fields
     pressure-difference-A-B   pressures of two methods on one grid, and their difference
     body-METHOD               the finite-element body, cut open
 

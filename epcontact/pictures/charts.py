@@ -91,7 +91,8 @@ def charts_of_results(results: Results, hardness: float = math.inf) -> dict[str,
     """
     charts: dict[str, Chart] = {}
     all_results = [*itertools.chain.from_iterable(results.values())]
-    if any(result.distribution for result in all_results):
+    # A path that ends at no load has no pressures at its end.
+    if any(r.distribution and r.final.mean_pressure > 0 for r in all_results):
         stated_hardness = all_results[0].provenance.about.get("hardness")
         if stated_hardness is not None:
             hardness = float(stated_hardness["value"])

@@ -7,6 +7,7 @@ exact names, and never by a pattern.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ from epcontact.errors import OutputError
 from epcontact.files import write_json, write_text
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.solving.method_results import MethodResults
+from epcontact.harness.solving.tasks import peak_path
 from epcontact.output.charts.figures import Chart, Pictures
 from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.charts.style import unit_for
 from epcontact.output.loads import Row
 from epcontact.output.view import animate, load_steps, screenshot
 from epcontact.output.vtk import FieldFile, read_fields
@@ -147,7 +150,8 @@ def _draw_results(results: Results, folder: Path) -> Pictures:
             names.append(_draw_body(body, method, folder))
         except OutputError as error:  # many machines cannot draw in three dimensions
             missing.append(f"body-{method}.png is left out: {error}.")
-    of_methods = [f"{kind}-{name}" for kind in ("contact", "body") for name in results]
+    kinds = ("contact-{}", "contact-{}-peak", "body-{}")
+    of_methods = [kind.format(name) for kind in kinds for name in results]
     _remove({*_OF_RESULTS, *of_methods} - {*names}, folder)
     for name in (*_OF_CASE, *_film_names(folder)):
         if (folder / f"{name}.txt").is_file():
@@ -255,13 +259,14 @@ def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
             continue
         files[method] = read_fields(path)
         caption = f"Contact state and pressure by {method}, {path.name}."
+        peak = peak_path(path)
+        if peak.is_file():
+            caption = _caption_at_load(method, "last", path)
+            peak_caption = _caption_at_load(method, "largest", peak)
+            charts[f"contact-{method}-peak"] = map_of_file(peak, peak_caption)
         charts[f"contact-{method}"] = map_of_file(path, caption)
         for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
-            pressure = read_fields(step).attributes["mean_pressure"]
-            caption = (
-                f"Contact state and pressure by {method}, mean pressure "
-                f"{pressure:.4g} Pa."
-            )
+            caption = _caption_at_load(method, "a", step)
             charts[f"contact-{method}-{step.stem}"] = map_of_file(step, caption)
     for names in itertools.combinations(sorted(files), 2):
         first, second = (files[name] for name in names)
@@ -273,13 +278,34 @@ def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
     return charts
 
 
+def _caption_at_load(method: str, which: str, path: Path) -> str:
+    """Return the caption of the contact map of one load of a path.
+
+    Args:
+        method: the name of the method.
+        which: "last", "largest", or "a" for any other load.
+        path: the .vti file, which states its mean pressure (Pa).
+
+    Raises:
+        OutputError: if the file cannot be read.
+    """
+    mean_pressure = float(read_fields(path).attributes.get("mean_pressure", math.nan))
+    scale, unit = unit_for(mean_pressure, "Pa")
+    load = "a load" if which == "a" else f"the {which} load of the path"
+    return (
+        f"Contact by {method} at {load}, {mean_pressure / scale:.4g} {unit}: state, "
+        f"and pressure or what flow has left ({path.name})."
+    )
+
+
 def _first_fields(folder: Path, method: str) -> Path | None:
     """Return the path of the fields (.vti) of a method's only or first surface.
 
     The path is None if the folder has no fields of the method.
     """
     paths = [folder / f"{method}.vti", *sorted(folder.glob(f"{method}-*.vti"))]
-    return next(filter(Path.is_file, paths), None)
+    peaks = {peak_path(path) for path in paths}
+    return next((p for p in paths if p.is_file() and p not in peaks), None)
 
 
 def _find_body(folder: Path, method: str) -> Path | None:

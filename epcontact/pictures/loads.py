@@ -11,7 +11,7 @@ import pandas as pd
 
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Axis, Plot, draw_table
-from epcontact.output.charts.style import unit_for
+from epcontact.output.charts.style import PART_COLOURS, unit_for
 from epcontact.output.loads import Row, column_unit
 from epcontact.results import COLUMNS
 
@@ -30,7 +30,9 @@ class _LoadChart(NamedTuple):
 
 #: The charts of the loads by their names.
 _CHARTS = {
-    "areas": _LoadChart("_area$", "contact area / nominal area ({unit})"),
+    "areas": _LoadChart(
+        "_area$|^flowed_share$", "contact area / nominal area ({unit})"
+    ),
     "gap": _LoadChart("mean_gap", "mean gap ({unit})"),
     "stiffness": _LoadChart("stiffness_", "stiffness ({unit})"),
     "conductance": _LoadChart("^conductance", "conductance times resistivity ({unit})"),
@@ -124,11 +126,15 @@ def _load_chart(name: str, table: pd.DataFrame) -> Chart:
     pressure_scale, pressure_unit = unit_for(highest_pressure, "Pa")
     scale, unit = column_unit([*table["value"]], table["unit"].iloc[0])
     label = _CHARTS[name].label
+    # The colour of a method would be that of all series.
+    one_method = table["method"].nunique() == 1
     plot = Plot(
         Axis("mean_pressure_Pa", f"mean pressure ({pressure_unit})"),
         Axis("value", label.format(unit=unit.replace("2", "²") or "–")),
         ("method", "quantity", "branch"),
         _STYLES,
+        colour="quantity" if one_method else "",
+        colours={f"{part} area": colour for part, colour in PART_COLOURS.items()},
         mark="quantity",
         scale=(pressure_scale, scale),
     )

@@ -137,7 +137,7 @@ def _with_hardness_errors(
         for of_load, peak in zip(mapped, peaks, strict=True)
     ]
     highest = [of_load.interval[1] for of_load in mapped]
-    without_files = replace(task, steps_folder=None)
+    without_files = replace(task, steps_folder=None, fields_file=None)
     soft, hard = (
         _solve_with_hardnesses(without_files, scene, bound, threads, for_error=True)
         for bound in (lowest, highest)
@@ -327,7 +327,8 @@ class _LoadObserver:
     def is_needed(self) -> bool:
         """Whether anything is measured or written at a load."""
         measured = any(at_each_load(self.task, self.scene))
-        return measured or self.task.steps_folder is not None
+        files = (self.task.steps_folder, self.task.peak_file)
+        return measured or files != (None, None)
 
     def __call__(self, result: ContactResult) -> None:
         """Measure and write at the last load of a result.
@@ -345,9 +346,13 @@ class _LoadObserver:
         scene = replace(self.scene, load=Load(loads))
         step = measure_load(self.task, scene, result)
         self.steps.append(step)
+        result = replace(result, steps=(*self.earlier, *result.steps[:-1], step))
         if self.task.steps_folder and self.task.method.load_files == "fields":
-            steps = (*self.earlier, *result.steps[:-1], step)
-            self._write(scene, replace(result, steps=steps), self.task.steps_folder)
+            self._write(scene, result, self.task.steps_folder)
+        path = self.task.case.load.path
+        if self.task.peak_file and len(result.steps) - 1 == path.index(max(path)):
+            result = with_description(self.task, scene, result)
+            write_result_fields(self.task, scene, result, self.task.peak_file)
 
     def _write(self, scene: Scene, result: ContactResult, folder: Path) -> None:
         """Write the fields of a load to a .vti file, and the list path.pvd of all

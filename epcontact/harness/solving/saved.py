@@ -20,7 +20,7 @@ from typing import Any
 from pydantic_core import to_json
 
 from epcontact.files import write_json
-from epcontact.harness.solving.tasks import Task
+from epcontact.harness.solving.tasks import Task, peak_path
 from epcontact.results import ContactResult, package_versions
 
 #: Rooms of the package that show results or ask for them.  An edit there keeps saved
@@ -116,6 +116,9 @@ def save_result(task: Task, output: Path, result: ContactResult) -> None:
     elif task.fields_file is None:
         with contextlib.suppress(OSError):
             task.fields_path(output).unlink()
+    if task.peak_file is None and not same:
+        with contextlib.suppress(OSError):
+            peak_path(task.fields_path(output)).unlink()
     if task.steps_folder is None and same:
         about["steps_kept"] = bool(earlier.get("steps_kept"))
     elif task.steps_folder is None:
@@ -165,6 +168,8 @@ def _has_files(content: dict[str, Any], task: Task, output: Path) -> bool:
         digest = content.get("fields_digest")
         if not precise or digest != _file_digest(task.fields_file):
             return False
+    if task.peak_file is not None and not task.peak_file.is_file():
+        return False
     if task.steps_folder is not None:
         collection = task.steps_path(output) / "path.pvd"
         return content.get("steps_kept") is True and collection.is_file()

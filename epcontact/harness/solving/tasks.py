@@ -151,6 +151,20 @@ class Task:
         return self.case.recipes[self.surface_index]
 
     @property
+    def peak_file(self) -> Path | None:
+        """The .vti file for the fields at the largest load of the path.
+
+        It is beside the file for the last load and has its name with "-peak".  None if
+        no fields are written, if the last load is the largest one, or if the method has
+        fields at the last load alone.
+        """
+        path = self.case.load.path
+        ends_at_peak = path[-1] == max(path) or not self.method.load_files
+        if self.fields_file is None or ends_at_peak:
+            return None
+        return peak_path(self.fields_file)
+
+    @property
     def measured(self) -> tuple[str, ...]:
         """The sorted names of the quantities that the harness measures at the last load
         of this task.
@@ -201,6 +215,14 @@ class Task:
         """
         name = f"{self.method.name}-{self.label}.json"
         return self.case.folder(output) / "members" / name
+
+
+def peak_path(fields: Path) -> Path:
+    """Return the path of the fields at the largest load of a path.
+
+    `fields` is the path of the file with the fields at the last load.
+    """
+    return fields.with_name(f"{fields.stem}-peak.vti")
 
 
 def tasks_of(

@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from epcontact.files import write_bytes
 from epcontact.output.charts import style
 from epcontact.output.charts.figures import Chart, new_figure, styled
-from epcontact.output.charts.style import STATE_COLOURS, STATE_NAMES, typeset, unit_for
+from epcontact.output.charts.style import (
+    FLATTENED,
+    STATE_COLOURS,
+    STATE_NAMES,
+    typeset,
+    unit_for,
+)
 from epcontact.output.vtk import read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
@@ -33,6 +39,40 @@ _PROFILE_CAPTION = (
 )
 
 
+def flattened_depth(fields: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
+    """Return how deep plastic flow has flattened the spots of a capped body.
+
+    Args:
+        fields: arrays of one shape by name, those of a result or of a .vti file.
+
+    Returns:
+        The plastic displacement (m), 0 outside of the spots that have flowed at any
+        load.  None if the fields have none, or if it is that of J2 flow, which moves
+        all points of the surface.
+    """
+    depth = fields.get("plastic_displacement")
+    if depth is None or np.min(depth) < 0 or np.all(depth != 0):
+        return None
+    return depth
+
+
+def visible_state(fields: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """Return the state of each point as pictures show it.
+
+    Args:
+        fields: arrays of one shape by name, with "state".
+
+    Returns:
+        The contact states, with FLATTENED at points without contact that an earlier
+        load has flattened.
+    """
+    state = np.array(fields["state"], dtype=np.intp)
+    depth = flattened_depth(fields)
+    if depth is not None:
+        state[(state == APART) & (depth > 0)] = FLATTENED
+    return state
+
+
 def contact_map(
     state: NDArray[Any],
     pressure: NDArray[Any],
@@ -40,16 +80,19 @@ def contact_map(
     *,
     hardness: float = np.inf,
     caption: str = "",
+    depth: NDArray[Any] | None = None,
 ) -> Chart:
     """Draw Figure 3 of the paper: contact state and pressure from above, side by side.
 
     Args:
-        state: the contact state [x, y] of each point: APART, ELASTIC or PLASTIC.
+        state: the state [x, y] of each point: APART, ELASTIC, PLASTIC or FLATTENED.
         pressure: the contact pressure [x, y] in Pa.
         spacing: distance of neighbouring points along each direction, in m.
         hardness: the pressure in Pa at which the colour scale ends; infinite: the scale
             ends at the largest pressure.
         caption: the caption of the chart; "" for the usual one.
+        depth: the plastic displacement [x, y] in m, which is drawn in place of the
+            pressure where no point has a pressure; None: there is none.
 
     Returns:
         The chart; its data are the fraction of points of each state and the mean
@@ -58,22 +101,28 @@ def contact_map(
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    largest = hardness
-    if not np.isfinite(hardness):
-        largest = float(np.max(pressure))
+    right_field, largest, unit, quantity = pressure, hardness, "Pa", "pressure"
+    if not np.any(pressure > 0) and depth is not None and np.any(depth > 0):
+        right_field, largest = depth, np.inf
+        unit, quantity = "m", "plastic displacement"
+    if not np.isfinite(largest):
+        largest = float(np.max(right_field))
     fractions = {
-        kind: float(np.mean(state == kind)) for kind in (ELASTIC, PLASTIC, APART)
+        kind: float(np.mean(state == kind))
+        for kind in (ELASTIC, PLASTIC, APART, FLATTENED)
     }
-    state_colours = [STATE_COLOURS[kind] for kind in (APART, ELASTIC, PLASTIC)]
-    look = {"cmap": ListedColormap(state_colours), "vmin": APART, "vmax": PLASTIC}
+    if not fractions[FLATTENED]:
+        del fractions[FLATTENED]
+    state_colours = [STATE_COLOURS[kind] for kind in range(FLATTENED + 1)]
+    look = {"cmap": ListedColormap(state_colours), "vmin": APART, "vmax": FLATTENED}
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
         show_field(left, state, spacing, **look)
-        image, unit = _show_pressure(right, pressure, spacing, largest)
+        image, unit = _show_positive(right, right_field, spacing, largest, unit)
         bar = figure.colorbar(image, ax=right, shrink=0.82)
-        bar.set_label(f"pressure ({unit}), white: none")
-        left.set_title("contact state (shares of grid points)")
-        right.set_title("contact pressure")
+        bar.set_label(f"{quantity} ({unit}), white: none")
+        left.set_title("contact state (fractions of grid points)")
+        right.set_title(f"contact {quantity}" if unit.endswith("Pa") else quantity)
         handles = [
             Patch(
                 facecolor=STATE_COLOURS[kind],
@@ -104,8 +153,9 @@ def map_of_file(path: Path | str, caption: str = "") -> Chart:
         OutputError: if the file cannot be read or lacks a field.
     """
     file = read_fields(path)
-    fields = {name: file.field(name) for name in ("state", "pressure", "gap")}
-    return map_of(fields, file.spacing, file.hardness, caption)
+    for name in ("state", "pressure", "gap"):
+        file.field(name)  # raises if it is missing
+    return map_of(file.fields, file.spacing, file.hardness, caption)
 
 
 def map_of(
@@ -118,15 +168,24 @@ def map_of(
 
     Args:
         fields: the arrays "state" (APART, ELASTIC or PLASTIC), "pressure" (Pa) and
-            "gap" (m) of one shape: [x, y] of a surface or [x] of a line.
+            "gap" (m) of one shape: [x, y] of a surface or [x] of a line; and
+            "plastic_displacement" (m) of a body that has flowed.
         spacing: distance of neighbouring points along each direction, in m.
         hardness: the hardness in Pa; infinite for none.
         caption: the caption of the chart; "" for the usual one.
     """
-    state, pressure, gap = (fields[name] for name in ("state", "pressure", "gap"))
-    if state.ndim == 1:
+    pressure = fields["pressure"]
+    if pressure.ndim == 1:
+        state, gap = fields["state"], fields["gap"]
         return contact_profile(state, pressure, gap, spacing, caption=caption)
-    return contact_map(state, pressure, spacing, hardness=hardness, caption=caption)
+    return contact_map(
+        visible_state(fields),
+        pressure,
+        spacing,
+        hardness=hardness,
+        caption=caption,
+        depth=fields.get("plastic_displacement"),
+    )
 
 
 def profiles(sources: Sequence[Path]) -> Iterator[Chart]:
@@ -195,8 +254,8 @@ def pressure_difference(
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
         left, middle, right = axes
-        image, unit = _show_pressure(left, first, spacing, largest)
-        image, unit = _show_pressure(middle, second, spacing, largest)
+        image, unit = _show_positive(left, first, spacing, largest)
+        image, unit = _show_positive(middle, second, spacing, largest)
         figure.colorbar(image, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
         scale, unit = unit_for(largest_difference, "Pa")
         bound = largest_difference / scale or 1.0
@@ -397,22 +456,27 @@ def show_field(
     return image
 
 
-def _show_pressure(
-    axes: Any, pressure: NDArray[Any], spacing: tuple[float, ...], largest: float
+def _show_positive(
+    axes: Any,
+    field: NDArray[Any],
+    spacing: tuple[float, ...],
+    largest: float,
+    unit: str = "Pa",
 ) -> tuple[Any, str]:
-    """Draw a field of pressure, white where it is not positive.
+    """Draw a field, such as the pressure, white where it is not positive.
 
     Args:
         axes: the axes of matplotlib.
-        pressure: the pressure [x, y] in Pa.
+        field: the values [x, y], in `unit`.
         spacing: distance of neighbouring points along each direction, in m.
-        largest: the pressure in Pa at which the colour scale ends.
+        largest: the value at which the colour scale ends, in `unit`.
+        unit: the SI unit of the field.
 
     Returns:
         The image of matplotlib and the unit of its values, such as "MPa".
     """
-    scale, unit = unit_for(largest, "Pa")
-    scaled = np.asarray(pressure, dtype=np.float32) / scale
+    scale, unit = unit_for(largest, unit)
+    scaled = np.asarray(field, dtype=np.float32) / scale
     positive = np.ma.masked_less_equal(scaled, 0.0)
     look = {"cmap": style.PRESSURE_MAP, "vmin": 0.0, "vmax": largest / scale}
     return show_field(axes, positive, spacing, **look), unit

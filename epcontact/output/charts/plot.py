@@ -26,8 +26,8 @@ from epcontact.output.charts.style import (
 )
 from epcontact.results import FloatArray
 
-#: Error bars of several series stand side by side within this width, and two are at
-#: most this far from each other (points of length).
+#: Marks with error bars of several series stand side by side within this width, and
+#: two are at most this far from each other (points of length).
 _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
 #: A series of more points has smaller marks.
 _FEW_POINTS = 25
@@ -289,16 +289,32 @@ def _method_colour(name: str) -> str | None:
 
 
 def _bar_shifts(all_series: Sequence[_Series]) -> list[float]:
-    """Return how far the error bars of each series are shifted to the right.
+    """Return how far each series is shifted to the right.
 
-    Without a shift, the bars of several series at one x would hide each other.  Shifts
-    are in typographic points (1/72 inch), one for each series in the given order: 0 for
-    a series without error bars.
+    Without a shift, the bars of series that overlap at one x would hide each other.
+    Shifts are in typographic points (1/72 inch), one for each series in the given
+    order: 0 for a series whose bars meet no other bar.
     """
-    count = sum(one.has_bars for one in all_series)
-    width = min(_BAR_DISTANCE * (count - 1), _BARS_WIDTH)
-    shifts = iter(np.linspace(-0.5, 0.5, count) * width)
-    return [next(shifts) if one.has_bars else 0.0 for one in all_series]
+    tables = [
+        pd.DataFrame({"series": number, "x": one.x, "low": one.low, "high": one.high})
+        for number, one in enumerate(all_series)
+        if one.has_bars
+    ]
+    shifts = [0.0] * len(all_series)
+    if not tables:
+        return shifts
+    bars = pd.concat(tables).dropna()
+    pairs = bars.merge(bars, on="x", suffixes=("", "_other"))
+    overlaps = (pairs["low"] <= pairs["high_other"]) & (
+        pairs["low_other"] <= pairs["high"]
+    )
+    is_other = pairs["series"] != pairs["series_other"]
+    meeting = sorted(set(pairs["series"][overlaps & is_other]))
+    width = min(_BAR_DISTANCE * (len(meeting) - 1), _BARS_WIDTH)
+    places = np.linspace(-0.5, 0.5, len(meeting)) * width
+    for number, place in zip(meeting, places.tolist(), strict=True):
+        shifts[number] = place
+    return shifts
 
 
 def _draw_series(
@@ -311,8 +327,8 @@ def _draw_series(
         one: the series.
         look: colour, mark and dashes of the series, keywords of `Axes.plot`.
         plot: the look of the chart: scales, logarithmic axes and labels.
-        shift: how far the error bars are to the right of their points, in typographic
-            points (1/72 inch).
+        shift: how far the marks and their error bars are drawn to the right of their
+            places, in typographic points (1/72 inch).
     """
     from matplotlib.transforms import ScaledTranslation
 
@@ -327,7 +343,9 @@ def _draw_series(
     x_scale, y_scale = plot.scale
     x = one.x[drawn] / x_scale
     label = typeset(plot.labels.get(one.name, label))
-    axes.plot(x, one.y[drawn] / y_scale, label=label, **look)
+    move = ScaledTranslation(shift / 72, 0, axes.figure.dpi_scale_trans)
+    (line,) = axes.plot(x, one.y[drawn] / y_scale, label=label, **look)
+    line.set_transform(axes.transData + move)
     if not one.has_bounds:
         return
     low = one.low[drawn] / y_scale
@@ -337,8 +355,6 @@ def _draw_series(
         axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
         return
     bars = axes.vlines(x, low, high, color=colour, linewidth=0.9)
-    inches = shift / 72
-    move = ScaledTranslation(inches, 0, axes.figure.dpi_scale_trans)
     bars.set_transform(axes.transData + move)
 
 

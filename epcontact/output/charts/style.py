@@ -15,9 +15,22 @@ from typing import Any
 
 from epcontact.results import APART, ELASTIC, PLASTIC
 
-#: The colours and the names of the contact states of a point.
-STATE_COLOURS = {APART: "#ffffff", ELASTIC: "#f0c419", PLASTIC: "#000000"}
-STATE_NAMES = {APART: "apart", ELASTIC: "elastic", PLASTIC: "plastic"}
+#: A point without contact that an earlier, larger load has flattened.  Results do not
+#: have this state, but pictures show it beside the contact states.
+FLATTENED = 3
+#: The colours and the names of the states of a point.
+STATE_COLOURS = {
+    APART: "#ffffff",
+    ELASTIC: "#f0c419",
+    PLASTIC: "#000000",
+    FLATTENED: "#6f9fc8",
+}
+STATE_NAMES = {
+    APART: "apart",
+    ELASTIC: "elastic",
+    PLASTIC: "plastic",
+    FLATTENED: "apart, flattened before",
+}
 
 #: Sequential and diverging colour maps (names that matplotlib and pyvista share).
 PRESSURE_MAP = "viridis_r"
