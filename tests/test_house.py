@@ -48,7 +48,7 @@ TOKENS = {
     "epcontact.results": 2_050,
     "epcontact.scene": 3_096,
     "epcontact.studies": 22_428,
-    "epcontact.surfaces": 12_805,
+    "epcontact.surfaces": 15_803,
     "fem_check": 28_457,
     "lines of saved screens": 636,
     "tests": 132_832,

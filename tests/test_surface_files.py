@@ -47,7 +47,7 @@ def write(tmp_path):
             np.save(path, np.transpose(content))
         else:
             delimiter = DELIMITERS.get(path.suffix, " ")
-            header = "heights, in micrometres"
+            header = "heights"
             np.savetxt(path, np.transpose(content), delimiter=delimiter, header=header)
         return path
 
@@ -108,7 +108,7 @@ def test_a_row_or_a_column_is_a_line(write, name, content):
         ("c.txt", b"1,5 2,5\n3,5 4,5\n", ["decimal commas"]),
         (
             "d.txt",
-            "Höhe in µm\nx y\n1.5\t2.5\n3.5\t4.5\n".encode("latin-1"),
+            "Höhe in Bildern\nx y\n1.5\t2.5\n3.5\t4.5\n".encode("latin-1"),
             ["of heights: 2", "Latin-1"],
         ),
         (
@@ -255,7 +255,8 @@ def test_lists_of_points_are_maps(write, name, missing):
     assert surface.heights[measured] == pytest.approx(expected, abs=1e-18)
     count = f"{missing} of 108 heights missing"
     assert any(count in note for note in surface.notes) == (missing > 0)
-    assert "its columns are x, y and height, all in one unit" in surface.notes
+    assert "its columns are x, y and height" in surface.notes
+    assert "the unit of its lengths; it was taken to be 1e-06 m" in str(surface.notes)
 
 
 def test_lists_of_points_may_mark_missing_heights(write):
@@ -332,13 +333,17 @@ def instrument(write, monkeypatch):
 
 
 def test_instrument_files_give_their_size_and_unit(instrument):
-    """The file's periods and unit are used, and periods that the user gives override
-    those of the file.
+    """The file's periods and unit are used, and periods that the user gives must agree
+    with those of the file or be accepted.
     """
     recipe = instrument(Topography)
     assert recipe.periods == pytest.approx((2.0, 3.0))
     assert recipe.build().heights == pytest.approx(MAP, rel=1e-14)
-    assert instrument(Topography, periods=(5.0, 6.0)).periods == (5.0, 6.0)
+    assert instrument(Topography, periods=(2.001, 3.0), unit=1e-9).periods[0] == 2.001
+    with refused(r"states lengths of 2e\+09, 3e\+09 .* but period = \[5.0, 6.0\] m is"):
+        instrument(Topography, periods=(5.0, 6.0))
+    recipe = instrument(Topography, periods=(5.0, 6.0), accept=("size",))
+    assert recipe.periods == (5.0, 6.0)
 
 
 def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
@@ -352,7 +357,7 @@ def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
 @pytest.mark.parametrize(
     ("topography", "options", "message"),
     [
-        (Topography, {"unit": 1e-6}, "gives the unit"),
+        (Topography, {"unit": 1e-6}, "states 1e-09 m .* unit is nm.*unit = 1e-06 is"),
         (partial(Topography, None), {}, "in which unit"),
         (partial(Topography, None), {"unit": 1e-9}, "does not say how large"),
         (partial(Topography, hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
@@ -440,14 +445,14 @@ def with_slope(map_file):
     the unit that gives it this slope.
     """
 
-    def recipe(unit):
+    def recipe(unit, **options):
         """Return the recipe of the map in a unit of heights in m, with 1 m between
         points.
         """
-        return HeightsFromFile(map_file, pixel_size=1.0, unit=unit, form=0)
+        return HeightsFromFile(map_file, pixel_size=1.0, unit=unit, form=0, **options)
 
     slope_of_map = recipe(1.0).build().rms_slope
-    return lambda slope: recipe(slope / slope_of_map)
+    return lambda slope, **options: recipe(slope / slope_of_map, **options)
 
 
 def test_a_slope_of_no_surface_is_refused(with_slope):
@@ -459,11 +464,18 @@ def test_a_slope_of_no_surface_is_refused(with_slope):
     assert with_slope(9.0).build().rms_slope == pytest.approx(9)
 
 
-@pytest.mark.parametrize(("slope", "is_noted"), [(0.9e-4, True), (1.1e-4, False)])
-def test_a_slope_of_optical_flats_is_noted(with_slope, slope, is_noted):
-    """An rms slope below 1e-4 is noted, because only optical flats have it."""
-    note = "the rms slope is 9e-05, below that of any but optical flats; the "
-    assert (note in str(with_slope(slope).build().notes)) == is_noted
+@pytest.mark.parametrize("slope", [0.9e-4, 11.0])
+def test_a_slope_of_no_surface_can_be_accepted(with_slope, slope):
+    """An rms slope below 1e-4, which only optical flats have, or above 10 is refused
+    unless `accept` names the slope, and then noted.
+    """
+    assert with_slope(1.1e-4).build().rms_slope == pytest.approx(1.1e-4)
+    with refused(f"the rms slope is {slope:g}, .*check unit, .*accept = .*slope"):
+        with_slope(slope).build()
+    surface = with_slope(slope, accept=("slope",)).build()
+    assert f"the rms slope is {slope:g}, " in surface.notes[-1]
+    with refused("accept is 'tilt', but must be one of slope, unit, size"):
+        with_slope(slope, accept=("tilt",))
 
 
 def test_a_slope_of_no_surface_is_refused_with_marks_that_may_cause_it(write):

@@ -15,19 +15,40 @@ from epcontact.results import FloatArray
 #: Distance of a coordinate from a regular grid, over its step, that counts as none:
 #: files keep few digits.
 _OFF_GRID = 0.01
+#: Relative difference of two lengths, beyond a step of the grid, that counts as none:
+#: people round lengths.
+_SAME_LENGTH = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
     """The heights of a file, as it stores them."""
 
-    heights: NDArray[Any]  #: (nx, ny) or (nx,), NaN where a height is missing.
-    in_metres: bool = False  #: Whether the file gives its unit: heights are then in m.
-    #: Lengths of the map in the unit of the heights, if the file gives them.
+    heights: NDArray[Any]  #: (nx, ny) or (nx,) in `unit`, NaN where one is missing.
+    unit: float | None = None  #: Unit of the heights in m, if the file states it.
+    #: Lengths of the map along x and y in `length_unit`, if the file states them.
     periods: tuple[float, ...] | None = None
+    #: Unit of the lengths in m; None if they are in the unit of the heights, or in a
+    #: unit that the file does not state.
+    length_unit: float | None = None
+    unit_source: str = ""  #: How the file states the unit, for messages.
+    size_source: str = ""  #: How the file states the lengths, for messages.
     notes: tuple[str, ...] = ()  #: Sentences on how the file was read.
     #: Mask of the heights that were filled before, if the file is a result with some.
     filled: NDArray[np.bool_] | None = None
+
+
+def lengths_agree(first: float, second: float, points: int) -> bool:
+    """Return True if two lengths of a map differ by less than a step and 1 % of them.
+
+    Some programs count the steps between the points, and others the points.
+
+    Args:
+        first, second: the lengths in one unit, positive.
+        points: the number of points along the length.
+    """
+    largest = max(first, second)
+    return abs(first - second) <= (_SAME_LENGTH + 1 / points) * largest
 
 
 def map_of_points(points: FloatArray, path: Path) -> HeightMap:
@@ -43,8 +64,8 @@ def map_of_points(points: FloatArray, path: Path) -> HeightMap:
     """
     has_columns = points.shape[1:] == (3,) and len(points) >= 4
     if has_columns and np.isfinite(points[:, :2]).all():
-        x, dx = _grid_indices(points[:, 0])
-        y, dy = _grid_indices(points[:, 1])
+        x, dx = grid_indices(points[:, 0])
+        y, dy = grid_indices(points[:, 1])
         nx = int(x.max()) + 1
         ny = int(y.max()) + 1
         is_grid = dx * dy > 0 and min(nx, ny) >= 2
@@ -55,7 +76,12 @@ def map_of_points(points: FloatArray, path: Path) -> HeightMap:
                 heights[x, y], points[:, 2], equal_nan=True
             )
             if none_above_another:
-                return HeightMap(heights, periods=(nx * dx, ny * dy))
+                periods = (nx * dx, ny * dy)
+                return HeightMap(
+                    heights,
+                    periods=periods,
+                    size_source="the x and y of its points",
+                )
     raise InvalidScene(
         f"{path}: its points are no height map: they lie on no regular grid in x and "
         "y, or above each other; sample them on a grid first, or export the heights "
@@ -63,7 +89,7 @@ def map_of_points(points: FloatArray, path: Path) -> HeightMap:
     )
 
 
-def _grid_indices(values: FloatArray) -> tuple[NDArray[np.intp], float]:
+def grid_indices(values: FloatArray) -> tuple[NDArray[np.intp], float]:
     """Return the grid index of each coordinate along one axis, and the grid's spacing.
 
     Args:

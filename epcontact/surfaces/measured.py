@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,11 +23,12 @@ from epcontact.scene import (
     Surface,
     as_tuple,
     checked_heights,
+    require_one_of,
     require_usable,
     set_frozen,
     warn_user,
 )
-from epcontact.surfaces.height_map import HeightMap
+from epcontact.surfaces.height_map import HeightMap, lengths_agree
 from epcontact.surfaces.readers import file_digest, read_heights
 from epcontact.surfaces.recipe import (
     Lengths,
@@ -35,6 +37,7 @@ from epcontact.surfaces.recipe import (
     checked_grid,
     entry,
     require_room,
+    sequence,
 )
 from epcontact.surfaces.treatment import EdgeField, Preparation, prepare_surface
 
@@ -44,8 +47,18 @@ UNLOADED = 1e-2
 #: Rms slopes above and below which the unit of a file counts as wrong: no surface is
 #: as steep, and only optical flats are as flat.
 STEEPEST, FLATTEST = 10.0, 1e-4
-#: Relative difference of periods, or of grid spacings, that counts as none.
-_SAME_PERIODS, _SAME_SPACING = 1e-9, 0.01
+#: Relative difference of periods, of grid spacings, or of units, that counts as none.
+_SAME_PERIODS, _SAME_SPACING, _SAME_UNIT = 1e-9, 0.01, 1e-6
+#: The smallest ratio of m to the unit of a file that is tried: a picometre.
+_LEAST_RATIO = 1e-12
+#: Words of the note on a height that may mark missing points.
+_MARK = "far from all others"
+#: The note on a line.
+LINE = (
+    "a line is solved as a surface of ridges, whose heights do not change along y; of "
+    "a surface that is rough in both directions it is a cut with 1/√2 of the rms "
+    "slope, so that its areas and its gap are not those of that surface"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +139,11 @@ class HeightsFromFile(Preparation):
     `build` reads it.  Its content identifies it, not its path.
 
     One period is enough for a square map, none is needed if the file gives it.  The
-    first is the length along x.  A map is mirrored, unless it is a .vti or another
-    `treatment` is given; its `shape` and `periods` are then a quarter of its surface,
-    and `Mirrored` has those of all.  An absent file raises SurfaceAbsent if it is
-    `optional`, so that a case is skipped.
+    first is the length along x.  Units and lengths that the file states and that are
+    given must agree.  A table of x and height is a line.  A map is mirrored, unless it
+    is a .vti or another `treatment` is given; its `shape` and `periods` are then a
+    quarter of its surface, and `Mirrored` has those of all.  An absent file raises
+    SurfaceAbsent if it is `optional`, so that a case is skipped.
     """
 
     path: Annotated[
@@ -160,6 +174,15 @@ class HeightsFromFile(Preparation):
         StrictBool,
         entry("", "skip the case with a message if the file is absent"),
     ] = False
+    accept: Annotated[
+        tuple[Literal["slope", "unit", "size"], ...],
+        sequence(Literal["slope", "unit", "size"]),
+        entry(
+            "",
+            "what is accepted although it looks wrong: an rms slope below 1e-4 or "
+            "above 10; a unit, or a size, other than the file states",
+        ),
+    ] = ()
     kind: Literal["file"] = field(default="file", kw_only=True)
 
     def __post_init__(self) -> None:
@@ -169,6 +192,8 @@ class HeightsFromFile(Preparation):
         file cannot be read, is no usable map, or a field does not fit the file.
         """
         super().__post_init__()
+        for word in self.accept:
+            require_one_of("accept", word, Literal["slope", "unit", "size"])
         if not isinstance(self.path, str | Path):
             raise InvalidScene(
                 f"path is {self.path!r:.60}, but must be the path of a file"
@@ -204,28 +229,51 @@ class HeightsFromFile(Preparation):
         """
         return {name: value for name, value in self.__dict__.items() if name != "_map"}
 
+    def _unit_in_metres(self) -> float:
+        """Return the unit of the heights in m, as the user or the file gives it.
+
+        Raises InvalidScene if neither gives it, or if the two differ and "unit" is not
+        accepted.
+        """
+        stored = self._map
+        if self.unit is None:
+            if stored.unit is None:
+                raise InvalidScene(
+                    f"{self.path} does not say in which unit its heights are; give "
+                    "unit = 1e-6 for micrometres, 1e-9 for nanometres or 1.0 for metres"
+                )
+            return stored.unit
+        if stored.unit is None or "unit" in self.accept:
+            return self.unit
+        if not math.isclose(self.unit, stored.unit, rel_tol=_SAME_UNIT):
+            raise InvalidScene(
+                f"{self.path} states {stored.unit:g} m as the unit of its heights "
+                f"({stored.unit_source}), but unit = {self.unit:g} is given; leave out "
+                'unit, or set accept = ["unit"] if the file is wrong'
+            )
+        return stored.unit
+
     def _periods(self) -> tuple[float, ...]:
         """Return the periods of this map in m, as the user or the file gives them.
 
-        Raises InvalidScene if the periods, or the unit of the heights, are given twice
-        or not at all.
+        Raises InvalidScene if the periods are given twice or not at all, or if they
+        differ from those of the file and "size" is not accepted.
         """
         stored = self._map
         shape = self.shape
+        unit = self._unit_in_metres()
         given = as_tuple(self.periods)
         one_for_both = len(given) == 1 and len(shape) == 2
         problem = ""
-        if stored.in_metres and self.unit:
-            problem = "gives the unit of its heights; leave out unit"
-        elif not stored.in_metres and not self.unit:
-            problem = (
-                "does not say in which unit its heights are; give unit = 1e-6 for "
-                "micrometres, 1e-9 for nanometres or 1.0 for metres"
-            )
-        elif given and self.pixel_size:
+        if given and self.pixel_size:
             problem = "needs periods or pixel_size, not both"
         elif not given and not self.pixel_size and stored.periods is None:
             problem = "does not say how large the map is; give its periods in m"
+        elif not given and not self.pixel_size and self._has_unknown_lengths():
+            problem = (
+                "states the unit of its heights, but not that of its x; give period or "
+                "pixel_size in m"
+            )
         elif one_for_both and shape[0] != shape[-1]:
             problem = (
                 f"holds {shape[0]} x {shape[-1]} heights, and one period does not say "
@@ -234,10 +282,53 @@ class HeightsFromFile(Preparation):
         if problem:
             raise InvalidScene(f"{self.path} {problem}")
         if self.pixel_size is not None:
-            return tuple(self.pixel_size * n for n in shape)
-        if not given:
-            return tuple((self.unit or 1.0) * p for p in stored.periods or ())
-        return given * 2 if one_for_both else given
+            key = f"pixel_size = {self.pixel_size:g} m is"
+            periods = tuple(self.pixel_size * n for n in shape)
+        elif given:
+            key = f"period = {list(given)} m is"
+            periods = given * 2 if one_for_both else given
+        else:
+            length_unit = stored.length_unit or unit
+            return tuple(length_unit * length for length in stored.periods or ())
+        if stored.periods is not None and "size" not in self.accept:
+            self._require_stated_size(periods, key)
+        return periods
+
+    def _has_unknown_lengths(self) -> bool:
+        """Return True if the file states the unit of its heights alone."""
+        return self._map.unit is not None and self._map.length_unit is None
+
+    def _require_stated_size(self, periods: tuple[float, ...], key: str) -> None:
+        """Raise InvalidScene if given periods differ from those that the file states.
+
+        If the file does not state the unit of its lengths, the two may differ by the
+        ratio of two units.
+
+        Args:
+            periods: the periods in m that the user gives, or that follow from the pixel
+                size that the user gives.
+            key: the key of the case file and its value, for the message.
+        """
+        stored = self._map
+        stated = np.array(stored.periods)
+        if len(periods) != len(stated):
+            return  # reported with the shape of the grid
+        ratios = np.array(periods) / stated
+        if stored.length_unit is not None:
+            ratio = stored.length_unit
+        else:
+            ratio = 10.0 ** round(math.log10(max(float(ratios[0]), _LEAST_RATIO)))
+        for period, length, points in zip(periods, stated, self.shape, strict=True):
+            if not lengths_agree(period, ratio * float(length), points):
+                unit = "the unit of the file"
+                if stored.length_unit is not None:
+                    unit = f"units of {ratio:g} m"
+                lengths = ", ".join(f"{value:g}" for value in stated)
+                raise InvalidScene(
+                    f"{self.path} states lengths of {lengths} in {unit} "
+                    f"({stored.size_source}), but {key} given; leave it out, or set "
+                    'accept = ["size"] if the file is wrong'
+                )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -250,7 +341,7 @@ class HeightsFromFile(Preparation):
         unit and the treatment of the heights.
         """
         digest = file_digest(Path(self.path))
-        return f"file/2 {digest} unit={self.unit or 1.0!r} {self.steps}"
+        return f"file/3 {digest} unit={self.unit or 1.0!r} {self.steps}"
 
     def build(self) -> Surface:
         """Return the surface of this file's heights, treated as the fields say.
@@ -267,57 +358,69 @@ class HeightsFromFile(Preparation):
             stored.heights,
             self,
             str(self.path),
-            [*stored.notes, *self._spacing_notes()],
-            self.unit or 1.0,
+            [*stored.notes, *self._scale_notes()],
+            self._unit_in_metres(),
             stored.filled,
         )
         return self._with_checked_slope(surface)
 
-    def _spacing_notes(self) -> list[str]:
-        """Return a note if the grid spacings of this map along x and y differ.
+    def _scale_notes(self) -> Iterator[str]:
+        """Yield the unit that the file states, and what the grid spacings suggest.
 
-        Different spacings show a user who has given the periods in the wrong order.
-        The list is empty if the file itself gives the periods.
+        Different spacings along x and y show a user who has given the periods in the
+        wrong order; they are not noted if the file itself gives the periods.  A note on
+        a line says for which surfaces it stands.
         """
-        shape = self.shape
-        x = self.periods[0] / shape[0]
-        y = self.periods[-1] / shape[-1]
+        stored = self._map
+        if stored.unit is not None and stored.unit_source:
+            yield (
+                f"the unit of the heights is {self._unit_in_metres():g} m; the file "
+                f"states: {stored.unit_source}"
+            )
+        if stored.periods is not None and stored.length_unit is None:
+            first = stored.periods[0]
+            yield (
+                f"the file does not state the unit of its lengths; it was taken to be "
+                f"{self.periods[0] / first:.3g} m"
+            )
+        if len(self.shape) == 1:
+            yield LINE
+        x = self.periods[0] / self.shape[0]
+        y = self.periods[-1] / self.shape[-1]
         equal = math.isclose(x, y, rel_tol=_SAME_SPACING)
-        if equal or self._map.periods is not None:
-            return []
-        return [
-            f"the periods make the grid {x:.3g} m wide along x, over the {shape[0]} "
-            f"heights of a line of the file, and {y:.3g} m along y, over {shape[1]} "
-            "lines"
-        ]
+        if not equal and stored.periods is None:
+            yield (
+                f"the periods make the grid {x:.3g} m wide along x, over "
+                f"{self.shape[0]} heights, and {y:.3g} m along y, over {self.shape[1]}"
+            )
 
     def _with_checked_slope(self, surface: Surface) -> Surface:
-        """Return the surface, with a note if its rms slope suggests a wrong unit.
+        """Return the surface, unless its rms slope suggests a wrong unit.
 
-        A slope below FLATTEST adds a note.
+        A slope that is accepted by `accept` adds a note.
 
-        Raises InvalidScene if the slope is above STEEPEST; the message names outliers
-        and marks of missing heights, which may be the reason.
+        Raises InvalidScene if the slope is above STEEPEST or below FLATTEST, but not 0;
+        the message names outliers and marks of missing heights, which may be the reason
+        of a steep slope.
         """
         slope = surface.rms_slope
-        remedy = "the heights and the lengths along the map must be in one unit: check "
-        remedy += "unit"
-        if slope > STEEPEST:
-            message = (
-                f"{self.path}: the rms slope is {slope:.3g}, beyond that of any "
-                f"surface; {remedy}, period and pixel_size"
-            )
-            for note in surface.notes:
-                if "outliers" in note or "far from all others" in note:
-                    message += f"; or {note}"
-            raise InvalidScene(message)
-        if not 0 < slope < FLATTEST:
+        if slope == 0 or FLATTEST <= slope <= STEEPEST:
             return surface
-        note = (
-            f"the rms slope is {slope:.3g}, below that of any but optical flats; "
-            f"{remedy}"
+        bound = "beyond that of any surface"
+        if slope < FLATTEST:
+            bound = "below that of any but optical flats"
+        if "slope" in self.accept:
+            note = f"the rms slope is {slope:.3g}, {bound}, and was accepted"
+            return replace(surface, notes=(*surface.notes, *warn_user((note,))))
+        message = (
+            f"{self.path}: the rms slope is {slope:.3g}, {bound}; the heights and the "
+            "lengths along the map must be in one unit: check unit, period and "
+            'pixel_size, or set accept = ["slope"] if they are correct'
         )
-        return replace(surface, notes=(*surface.notes, *warn_user((note,))))
+        for note in surface.notes:
+            if slope > STEEPEST and ("outliers" in note or _MARK in note):
+                message += f"; or {note}"
+        raise InvalidScene(message)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from epcontact.errors import InvalidScene, OutputError
 from epcontact.machine import available_memory
 from epcontact.output.vtk import read_fields
 from epcontact.surfaces.height_map import HeightMap, map_of_points
+from epcontact.surfaces.text_headers import unit_in_metres
 from epcontact.surfaces.text_tables import AS_PICTURE, read_table
 
 #: Bytes that a zip file (.x3p) may always unpack to, if they fit into memory.
@@ -121,7 +122,15 @@ def _read_fields(path: Path) -> HeightMap:
         )
     mask = file.fields.get("filled")
     filled = None if mask is None else mask.astype(bool)
-    return HeightMap(heights, in_metres=True, periods=file.periods, filled=filled)
+    return HeightMap(
+        heights,
+        unit=1.0,
+        periods=file.periods,
+        length_unit=1.0,
+        unit_source="a result is in m",
+        size_source="the spacing of its grid",
+        filled=filled,
+    )
 
 
 def _read_mesh(path: Path) -> HeightMap:
@@ -163,17 +172,25 @@ def _read_instrument(path: Path) -> HeightMap:
     )
     with _errors_of(path, problem, remedy), open_topography(str(path)) as reader:
         topography = reader.topography()
-        in_metres = topography.unit is not None
-        if in_metres:
-            topography = topography.to_unit("m")
+        unit = None
+        periods = None
+        if topography.unit is not None:
+            unit = unit_in_metres(topography.unit)
+            periods = tuple(map(float, topography.physical_sizes))
         if not topography.is_uniform:
             raise InvalidScene(
                 f"{path}: its points lie on no regular grid; resample it first"
             )
         # Points without a height are masked.
         heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
-        periods = tuple(map(float, topography.physical_sizes)) if in_metres else None
-        return HeightMap(heights, in_metres, periods)
+        return HeightMap(
+            heights,
+            unit,
+            periods,
+            length_unit=unit,
+            unit_source=f"its unit is {topography.unit}",
+            size_source="the size that it stores",
+        )
 
 
 def _require_small_archive(path: Path) -> None:

@@ -5,7 +5,8 @@ comma, numbers may have a decimal comma.  Lines above the table that do not begi
 number are its header, and # begins a comment.  Empty cells and NaN are points without a
 height.  Text that is not UTF-8 is read as UTF-16 if it begins like it, otherwise as
 Latin-1.  The heights of a table are as in a picture: x runs along its lines.  Three
-columns of x, y and height on a grid are a map, whose missing points have no height.
+columns of x, y and height on a grid are a map, whose missing points have no height, and
+columns of x and height are a profile.
 """
 
 from __future__ import annotations
@@ -20,7 +21,14 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.surfaces.height_map import HeightMap, map_of_points
+from epcontact.surfaces.height_map import HeightMap, lengths_agree, map_of_points
+from epcontact.surfaces.profiles import (
+    FEWEST,
+    is_coordinate,
+    profile_columns,
+    profile_map,
+)
+from epcontact.surfaces.text_headers import StatedLength, StatedScale, read_scale
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
@@ -39,10 +47,12 @@ def read_table(path: Path) -> HeightMap:
 
     A table of several rows and columns is a surface (x runs along the rows), and a
     single row or column is a line.  Three columns of x, y and height are points on a
-    grid.
+    grid, and two columns of x and height, or three with the number of the point in
+    front, are a profile.  Units and lengths are those that the header states.
 
     Raises InvalidScene, with the number of the line, if the file is no table of
-    numbers, and OSError if the file cannot be read.
+    numbers, or if its header states two different lengths, and OSError if the file
+    cannot be read.
     """
     text, encoding = _decode(path.read_bytes())
     lines = _numbered_lines(text)
@@ -59,25 +69,150 @@ def read_table(path: Path) -> HeightMap:
         table = np.array(list(_rows(lines, separator, decimal)))
     except ValueError as error:
         raise InvalidScene(f"{path}: is no table of numbers: {error}") from None
-    header = len(lines) - len(table)
-    if table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
-        table = table[:, :-1]  # each line ends with a separator
-    lists_points = _lists_points(table) or path.suffix.lower() == ".xyz"
+    skipped = len(lines) - len(table)
+    first_row = list(lines)[skipped]
+    scale = read_scale(text.splitlines()[: first_row - 1])
+    while table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
+        table = table[:, :-1]  # each line ends with separators
     notes: list[str] = []
-    if not lists_points:
-        notes += _coordinate_notes(table)
-    if header:
-        notes.append(f"lines skipped above the table of heights: {header}")
+    if skipped:
+        notes.append(f"lines skipped above the table of heights: {skipped}")
     if decimal == ",":
         notes.append("the commas of the file were read as decimal commas")
     if encoding != "utf-8":
         notes.append(f"the file is no UTF-8 and was read as {encoding}")
-    if lists_points:
-        notes.append("its columns are x, y and height, all in one unit")
-        return replace(map_of_points(table, path), notes=tuple(notes))
+    stored = _map_of_table(table, scale, path)
+    return replace(stored, notes=(*notes, *stored.notes))
+
+
+def _map_of_table(table: FloatArray, scale: StatedScale, path: Path) -> HeightMap:
+    """Return the map, the line or the profile that a table of numbers is.
+
+    Args:
+        table: the numbers of the file, (rows, columns).
+        scale: the units and lengths that the header of the file states.
+        path: the file, for messages.
+
+    Raises:
+        InvalidScene: The points of the table are on no grid, two columns are no
+            profile, or the header states two different lengths.
+    """
+    profile = profile_columns(table)
+    if profile is not None:
+        return _with_column_units(profile_map(*profile), "x and height", scale)
+    is_xyz = path.suffix.lower() == ".xyz" and table.shape[1] == 3
+    if is_xyz or _lists_points(table):
+        return _with_column_units(map_of_points(table, path), "x, y and height", scale)
+    _require_no_profile(table, path)
+    heights = table.T
+    notes = [*_coordinate_notes(table), AS_PICTURE]
     if 1 in table.shape:
-        return HeightMap(table.ravel(), notes=tuple(notes))
-    return HeightMap(table.T, notes=(*notes, AS_PICTURE))
+        heights = table.ravel()
+        notes.pop()
+    periods, source = _stated_lengths(heights.shape, scale, path)
+    return HeightMap(
+        heights,
+        scale.unit,
+        periods,
+        length_unit=None if periods is None else 1.0,
+        unit_source=scale.unit_source,
+        size_source=source,
+        notes=tuple(notes),
+    )
+
+
+def _require_no_profile(table: FloatArray, path: Path) -> None:
+    """Raise InvalidScene if a table is too narrow for a map, but is no profile either.
+
+    Args:
+        table: the numbers of the file, (rows, columns).
+        path: the file, for the message.
+    """
+    rows, columns = table.shape
+    if rows < FEWEST:
+        return
+    if columns == 2:
+        raise InvalidScene(
+            f"{path}: its two columns are no profile, because the first does not "
+            "increase from row to row; give x and height, or the heights alone"
+        )
+    if columns == 3 and is_coordinate(table[:, 0]) and rows > 2 * FEWEST:
+        raise InvalidScene(
+            f"{path}: its three columns are neither x, y and height of points on a "
+            "grid, nor number, x and height of a profile; leave one column of heights "
+            "beside x"
+        )
+
+
+def _with_column_units(
+    stored: HeightMap, columns: str, scale: StatedScale
+) -> HeightMap:
+    """Return a list of points with the units that the header states for its columns.
+
+    Args:
+        stored: the map or line of the points; its lengths are in the unit of x.
+        columns: what the columns are, for the note.
+        scale: what the header states.
+    """
+    length_unit = None
+    unit = scale.unit
+    source = scale.unit_source
+    if scale.columns:
+        length_unit, unit = scale.columns[-2:]
+        source = "the header of its columns"
+    note = f"its columns are {columns}"
+    if length_unit is not None:
+        note += f", with x in units of {length_unit:g} m"
+    return replace(
+        stored,
+        unit=unit,
+        length_unit=length_unit,
+        unit_source=source,
+        notes=(*stored.notes, note),
+    )
+
+
+def _stated_lengths(
+    shape: tuple[int, ...], scale: StatedScale, path: Path
+) -> tuple[tuple[float, ...] | None, str]:
+    """Return the lengths of a map in m that the header states, and its words for them.
+
+    Args:
+        shape: the number of heights along x and y, or along the line.
+        scale: what the header states.
+        path: the file, for the message.
+
+    Returns:
+        The lengths, None if the header does not state all of them; and the lines of
+        the header that state them.
+
+    Raises:
+        InvalidScene: The distance of the points and the length of the map contradict
+            each other.
+    """
+    lengths = (scale.x_length, scale.y_length)
+    pixels = (scale.x_pixel, scale.y_pixel)
+    periods = []
+    sources = []
+    for points, length, pixel in zip(shape, lengths, pixels, strict=False):
+        if length is None and pixel is None:
+            return None, ""
+        stated = []
+        if length is not None:
+            stated.append(length)
+        if pixel is not None:
+            stated.append(StatedLength(points * pixel.value, pixel.source))
+        first = stated[0]
+        last = stated[-1]
+        if not lengths_agree(first.value, last.value, points):
+            raise InvalidScene(
+                f'{path}: its header states "{first.source}" and, for {points} '
+                f'points, "{last.source}", which contradict each other; correct one '
+                "of them"
+            )
+        periods.append(first.value)
+        sources.append(first.source)
+    return tuple(periods), ", ".join(dict.fromkeys(sources))
 
 
 def _decode(content: bytes) -> tuple[str, str]:
@@ -96,12 +231,12 @@ def _decode(content: bytes) -> tuple[str, str]:
 def _numbered_lines(text: str) -> dict[int, str]:
     """Return the lines of a text that hold more than a comment, by numbers from 1.
 
-    Comments (from # on) and white space at both ends are removed.
+    Comments (from # on), quotes and white space at both ends are removed.
     """
     text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
     lines = {}
     for number, line in enumerate(text.splitlines(), 1):
-        content = line.partition("#")[0].strip(" \r\n\ufeff")
+        content = line.partition("#")[0].replace('"', "").strip(" \r\n\ufeff")
         if content:
             lines[number] = content
     return lines

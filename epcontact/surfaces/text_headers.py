@@ -1,0 +1,210 @@
+"""Units and sizes that the header of a text file states.
+
+The lines are those of Gwyddion, SPIP, WSxM, Nova and Keyence, of the software of stylus
+instruments, and others of the same form: a word for the quantity, a number with its
+unit, or the unit alone.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+#: The value in m of each word for a unit of length, in lower case.
+UNITS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    "cm": 1e-2,
+    **dict.fromkeys(("mm", "millimeter", "millimeters"), 1e-3),
+    **dict.fromkeys(("millimetre", "millimetres"), 1e-3),
+    **dict.fromkeys(("µm", "um", "micron", "microns", "mikrometer"), 1e-6),
+    **dict.fromkeys(("micrometer", "micrometers", "micrometre", "micrometres"), 1e-6),
+    **dict.fromkeys(("nm", "nanometer", "nanometers"), 1e-9),
+    **dict.fromkeys(("nanometre", "nanometres"), 1e-9),
+    **dict.fromkeys(("å", "angstrom", "angstroms", "ångström"), 1e-10),
+    "pm": 1e-12,
+    **dict.fromkeys(("inch", "inches"), 25.4e-3),
+    **dict.fromkeys(("mil", "mils"), 25.4e-6),
+    **dict.fromkeys(("µin", "uin"), 25.4e-9),
+}
+_WORDS = "|".join(sorted(UNITS, key=len, reverse=True))
+#: A unit that ends where its word ends.
+_UNIT = rf"(?:{_WORDS})(?![^\W_])"
+_NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?"
+#: What may stand between a word and its value.
+_GAP = r"[\s:=：;,]+"
+
+#: Words for the length of a map along x and y, and for the spacing of its points.
+_X_LENGTH = (
+    r"(?:x[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
+    r"|width|breite|largeur|anchura|larghezza"
+    r"|(?:scan|profile|trace|evaluation|traverse|measuring)[-_ ]?"
+    r"(?:size|length|range|width))"
+)
+_Y_LENGTH = (
+    r"(?:y[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
+    r"|height|höhe|hauteur|altura|altezza)"
+)
+_PIXEL = r"(?:pixel[-_ ]?(?:size|spacing|pitch)|xy[-_ ]?calibration"
+_PIXEL += r"|lateral[-_ ]?(?:resolution|sampling|calibration|spacing)"
+_PIXEL += r"|(?:sampling|sample|point|data|measuring)[-_ ]?"
+_PIXEL += r"(?:distance|interval|step|spacing|pitch)|step[-_ ]?(?:size|width)?"
+_PIXEL += r"|spacing|pitch)"
+_STEP = r"(?:increment|step|spacing|pitch|pixel[-_ ]?size|calibration|interval|scale)"
+_X_PIXEL = rf"(?:x[-_ ]?{_STEP}|scale[-_ ]?x|d[-_ ]?x|delta[-_ ]?x)"
+_Y_PIXEL = rf"(?:y[-_ ]?{_STEP}|scale[-_ ]?y|d[-_ ]?y|delta[-_ ]?y)"
+_UNIT_OF_HEIGHTS = (
+    r"(?:(?:value|values|z|height|heights|data)[-_ ]?units?"
+    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:values?|z|heights?|data)|einheiten?"
+    r"|unités|unità valore|unidades de valor)"
+)
+_UNIT_OF_LENGTHS = (
+    r"(?:(?:x|xy|x[-_ ]?y|lateral|length|horizontal)[-_ ]?units?"
+    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:x|xy|lengths?))"
+)
+#: A word for heights, other words, and their unit: "heights, in micrometres".
+_HEIGHTS_IN = (
+    rf"\b(?:heights?|z|values?|höhen?)\b[^:=\d(\[]*?"
+    rf"(?:\bin\s+|[(\[/]\s*)(?P<unit>{_UNIT})"
+)
+
+
+@dataclass(frozen=True)
+class StatedLength:
+    """A length that a header states."""
+
+    value: float  #: The length in m.
+    source: str  #: The line of the header that states it.
+
+
+@dataclass(frozen=True)
+class StatedScale:
+    """The units and lengths that the header of a text file states."""
+
+    unit: float | None = None  #: Unit of the heights in m.
+    unit_source: str = ""  #: The line of the header that states it.
+    x_length: StatedLength | None = None  #: Length of the map along x.
+    y_length: StatedLength | None = None  #: Length of the map along y.
+    x_pixel: StatedLength | None = None  #: Distance of its points along x.
+    y_pixel: StatedLength | None = None  #: Distance of its points along y.
+    #: Units of the columns of a list of points in m, None for a column without one.
+    columns: tuple[float | None, ...] = ()
+
+
+def unit_in_metres(word: str) -> float | None:
+    """Return the value in m of a word for a unit of length; None if it is no such word.
+
+    Args:
+        word: the unit, such as "nm", "µm" or "microns", in any case.
+    """
+    word = _plain(word).strip()
+    return 1e-10 if word in ("a", "ang") else UNITS.get(word)
+
+
+def read_scale(header: list[str]) -> StatedScale:
+    """Return the units and lengths that the lines of a header state.
+
+    The first line that states a quantity counts.  A length without a unit is in the
+    unit of lengths that another line states, and is left out if there is none.
+
+    Args:
+        header: the lines above the table of numbers, with their marks of comments.
+    """
+    lines = [(_plain(line).strip(' #%;,"\t\r\n'), line) for line in header]
+    unit, unit_source = _find_unit(lines, rf"^{_UNIT_OF_HEIGHTS}\b")
+    columns = _column_units([plain for plain, _ in lines])
+    if unit is None:
+        unit, unit_source = _find_unit(lines, r"^units?\b")
+        if unit is not None and not columns:
+            columns = (unit, unit)  # of all that the file lists
+    if unit is None:
+        for plain, line in lines:
+            match = re.search(_HEIGHTS_IN, plain)
+            if match:
+                unit = UNITS[match["unit"]]
+                unit_source = _shown(line)
+                break
+    length_unit, _ = _find_unit(lines, rf"^{_UNIT_OF_LENGTHS}\b")
+    pixel = _find_length(lines, _PIXEL, length_unit)
+    return StatedScale(
+        unit,
+        unit_source,
+        _find_length(lines, _X_LENGTH, length_unit),
+        _find_length(lines, _Y_LENGTH, length_unit),
+        _find_length(lines, _X_PIXEL, length_unit) or pixel,
+        _find_length(lines, _Y_PIXEL, length_unit) or pixel,
+        columns,
+    )
+
+
+def _plain(line: str) -> str:
+    """Return a line in lower case, without quotes and with one sign for micro and Å."""
+    line = line.replace('"', "").replace("\u03bc", "\u00b5").replace("\u212b", "\u00c5")
+    return line.lower()
+
+
+def _shown(line: str) -> str:
+    """Return a line of a header as a message shows it."""
+    return " ".join(line.replace('"', "").strip(" #%;,\t\r\n").split())[:60]
+
+
+def _find_unit(lines: list[tuple[str, str]], words: str) -> tuple[float | None, str]:
+    """Return the unit in m that follows given words, and the line; None and "" if none.
+
+    Args:
+        lines: each line of the header, in lower case and as it is.
+        words: a pattern of the words in front of the unit.
+    """
+    for plain, line in lines:
+        match = re.search(rf"{words}[^\w%]*(?P<unit>{_UNIT})[\s)\]]*$", plain)
+        if match:
+            return UNITS[match["unit"]], _shown(line)
+    return None, ""
+
+
+def _find_length(
+    lines: list[tuple[str, str]], words: str, length_unit: float | None
+) -> StatedLength | None:
+    """Return the first positive length that follows given words, None if there is none.
+
+    Args:
+        lines: each line of the header, in lower case and as it is.
+        words: a pattern of the words in front of the number.
+        length_unit: the unit in m of numbers without one; None leaves these out.
+    """
+    pattern = (
+        rf"^{words}\s*(?:[(\[/]\s*(?P<before>{_UNIT})[^)\]:=;,]*[)\]]?)?{_GAP}"
+        rf"(?P<number>{_NUMBER})[\s,;(\[]*(?P<after>{_UNIT})?"
+    )
+    for plain, line in lines:
+        match = re.search(pattern, plain)
+        if not match:
+            continue
+        word = match["before"] or match["after"]
+        unit = UNITS[word] if word else length_unit
+        value = float(match["number"].rstrip(",.").replace(",", "."))
+        if unit and value > 0:
+            return StatedLength(value * unit, _shown(line))
+    return None
+
+
+def _column_units(lines: list[str]) -> tuple[float | None, ...]:
+    """Return the unit in m of each column of a list of points, () if none is stated.
+
+    The last line counts that has two or three units in brackets, behind a stroke or
+    behind a word: "x [mm]; z [µm]", "Lateral um, Profile Å", "mm nm".
+
+    Args:
+        lines: the lines of the header in lower case.
+    """
+    for line in reversed(lines):
+        bracketed = re.findall(rf"[(\[/]\s*({_UNIT})", line)
+        if len(bracketed) in (2, 3):
+            return tuple(UNITS[word] for word in bracketed)
+        cells = re.split(r"\s*[;,\t]\s*", line)
+        if len(cells) < 2:
+            cells = line.split()
+        words = [re.search(rf"(?:^|\s)({_UNIT})$", cell) for cell in cells]
+        units = [UNITS[word[1]] if word else None for word in words]
+        if len(cells) in (2, 3) and units[-1] and units[-2]:
+            return tuple(units)
+    return ()

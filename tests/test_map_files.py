@@ -1,0 +1,263 @@
+"""Files of profiles and maps as instruments write them: what is read, and what is
+refused.
+"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from epcontact import Load, Material, Scene, bem
+from epcontact.errors import InvalidScene
+from epcontact.surfaces import HeightsFromFile
+
+pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
+
+#: A profile of 200 points, x in mm and heights in µm.
+X = np.arange(200) * 0.0125
+Z = 3 * np.sin(2 * np.pi * X / 2.5) + np.cos(2 * np.pi * 7 * X / 2.5)
+
+
+def refused(words):
+    """Return a context in which InvalidScene must be raised with a message that matches
+    `words`, a regular expression.
+    """
+    return pytest.raises(InvalidScene, match=words)
+
+
+def written(path, text, encoding="utf-8"):
+    """Write a text to a path and return the path."""
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def table(columns, separator=" ", mark=".", digits=6):
+    """Return columns of numbers, each (n,), as the text of a table.
+
+    The numbers are separated by `separator` and have the decimal mark `mark` and so
+    many `digits`.
+    """
+    lines = []
+    for row in np.stack(columns, axis=1):
+        cells = [f"{value:.{digits}f}".replace(".", mark) for value in row]
+        lines.append(separator.join(cells))
+    return "\n".join(lines) + "\n"
+
+
+# --- profiles -------------------------------------------------------------------------
+
+#: Separator, decimal mark, and what stands between the lines of the file.
+FORMATS = {
+    "blanks.txt": ("   ", ".", ""),
+    "tabs.dat": ("\t", ".", ""),
+    "commas.csv": (",", ".", ""),
+    "semicolons.csv": (";", ".", ""),
+    "decimal commas.csv": (";", ",", ""),
+    "decimal commas.txt": ("  ", ",", ""),
+    "ended.csv": (",", ".", ","),
+}
+#: Headers of a profile with x in mm and heights in µm; "" states nothing.
+HEADERS = {
+    "none": "",
+    "brackets": "x [mm]; Höhe [µm]\n",
+    "a stylus": '"Scan Length",2.5,"mm"\n\nLateral(mm),Total Profile(µm)\n',
+    "words": "# Profile 1\n# mm um\n",
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("header", HEADERS)
+@pytest.mark.parametrize("has_numbers", [False, True])
+def test_a_table_of_x_and_height_is_a_line(tmp_path, name, header, has_numbers):
+    """Two columns, or three with the number of the point in front, are a line with the
+    units of the header or those that are given.
+    """
+    separator, mark, end = FORMATS[name]
+    columns = [np.arange(1.0, 201), X, Z] if has_numbers else [X, Z]
+    lines = table(columns, separator, mark).replace("\n", f"{end}\n")
+    path = written(tmp_path / name, HEADERS[header] + lines)
+    units = {} if HEADERS[header] else {"unit": 1e-6, "periods": (2.5e-3,)}
+    recipe = HeightsFromFile(path, treatment="periodic", form=0, **units)
+    assert recipe.shape == (200,)
+    assert recipe.periods == pytest.approx((2.5e-3,), rel=1e-9)
+    surface = recipe.build()
+    assert surface.heights == pytest.approx(1e-6 * (Z - Z.mean()), abs=1e-12)
+    assert "solved as a surface of ridges" in str(surface.notes)
+
+
+def test_the_area_of_a_profile_is_that_of_its_line(tmp_path):
+    """A profile from a file has the contact area of the array of its heights."""
+    path = written(tmp_path / "a.txt", table([X, Z]))
+    recipe = HeightsFromFile(path, (2.5e-3,), 1e-6, "periodic", form=0)
+    assert recipe.shape == (200,)
+    areas = []
+    for heights in (recipe.build().heights, 1e-6 * (Z - Z.mean())):
+        surface = type(recipe.build())(heights, (2.5e-3,))
+        scene = Scene(surface, Material(1e9, 0.3), Load(1e6))
+        areas.append(bem.solve(scene).final.areas["raw"].total)
+    assert 0 < areas[0] < 1
+    assert areas[0] == pytest.approx(areas[1], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [[X, 0 * X + 3, Z], [0 * X, X, Z], [X[::-1], Z[::-1]], [np.round(X, 2), Z]],
+    ids=["constant y", "constant x", "backward", "few digits"],
+)
+def test_points_on_a_straight_line_are_a_profile(tmp_path, columns):
+    """Points along x or y, from the end to the start, or with coordinates of few digits
+    are the same profile.
+    """
+    path = written(tmp_path / "a.txt", table(columns))
+    recipe = HeightsFromFile(path, (), 1e-6, "periodic", form=0, accept=("slope",))
+    expected = 1e-6 * (Z - Z.mean())
+    assert recipe.build().heights == pytest.approx(expected, abs=1e-12)
+    assert recipe.periods == pytest.approx((2.5e-6,), rel=0.003)
+
+
+def test_uneven_steps_are_interpolated(tmp_path):
+    """A profile with uneven steps becomes one with even steps, whose heights are those
+    of the wave, and a note gives the steps.
+    """
+    uneven = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 400)) * 0.00625
+    heights = np.sin(2 * np.pi * uneven / 0.625)
+    path = written(tmp_path / "a.txt", table([uneven, heights], digits=9))
+    recipe = HeightsFromFile(path, (), 1e-3, "periodic", form=0)
+    line = 1e3 * recipe.build().heights
+    step = 1e3 * recipe.periods[0] / line.size
+    even = np.sin(2 * np.pi * (uneven[0] + step * np.arange(line.size)) / 0.625)
+    assert line == pytest.approx(even - even.mean(), abs=5e-3)
+    note = next(n for n in recipe.build().notes if "uneven" in n)
+    assert "from 0.00314 to 0.00937" in note
+    assert "changes the rms slope by -0." in note
+
+
+def test_points_that_a_profile_leaves_out_are_missing(tmp_path):
+    """Rows that are left out of even steps, and wide gaps of uneven ones, are missing
+    heights, which are refused unless they are filled.
+    """
+    measured = np.delete(np.arange(200), [50, 51, 90])
+    path = written(tmp_path / "a.txt", table([X[measured], Z[measured]]))
+    options = {"unit": 1e-6, "periods": (2.5e-3,), "treatment": "periodic"}
+    with refused("3 of 200 heights are NaN"):
+        HeightsFromFile(path, **options).build()
+    surface = HeightsFromFile(path, missing="harmonic", **options).build()
+    assert list(np.flatnonzero(surface.filled)) == [50, 51, 90]
+    uneven = X + 0.003 * np.sin(np.arange(200) ** 2)
+    measured = np.delete(np.arange(200), range(100, 120))
+    path = written(tmp_path / "b.txt", table([uneven[measured], Z[measured]]))
+    surface = HeightsFromFile(path, missing="harmonic", **options).build()
+    assert surface.filled is not None
+    assert 18 <= np.count_nonzero(surface.filled) <= 22
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ([Z, X], "its two columns are no profile"),
+        ([X, Z, Z + 1], "leave one column of heights"),
+    ],
+)
+def test_columns_that_are_no_profile_are_refused(tmp_path, columns, message):
+    """Two columns whose first is no x, and two columns of heights, are refused."""
+    path = written(tmp_path / "a.txt", table(columns))
+    with refused(message):
+        HeightsFromFile(path, (2.5e-3,), 1e-6)
+
+
+def test_a_profile_of_unknown_x_needs_a_period(tmp_path):
+    """If the header states the unit of the heights alone, the length is asked for, and
+    a period of other digits than x is refused.
+    """
+    path = written(tmp_path / "a.txt", "x; height [µm]\n" + table([X, Z], ";"))
+    with refused("states the unit of its heights, but not that of its x; give period"):
+        HeightsFromFile(path)
+    assert HeightsFromFile(path, (2.5e-3,)).shape == (200,)
+    with refused(
+        r"states lengths of 2.5 .*\(the x of its points\), but period = \[0.0"
+    ):
+        HeightsFromFile(path, (2e-3,))
+
+
+# --- headers of maps ------------------------------------------------------------------
+
+#: A map of 20 lines with 30 heights.
+MAP = np.random.default_rng(2).standard_normal((20, 30))
+#: Headers that state 6 µm along x, 4 µm along y and heights in nm.
+STATED = {
+    "gwyddion": "# Channel: Height\n# Width: 6.000 µm\n# Height: 4.000 µm\n"
+    "# Value units: nm\n",
+    "gwyddion in German": "# Kanal: Höhe\n# Breite: 6,000 µm\n# Höhe: 4,000 µm\n"
+    "# Einheiten: nm\n",
+    "spip": "# File Format = ASCII\n# x-pixels = 30\n# y-pixels = 20\n"
+    "# x-length = 6000\n# y-length = 4000\n# x-unit = nm\n# z-unit = [nm]\n",
+    "wsxm": "WSxM file\nX Amplitude: 6 µm\nY Amplitude: 4 µm\nZ unit: nm\n",
+    "keyence": '"Model","VK"\n"Horizontal","30"\n"XY Calibration","200","nm"\n'
+    '"Unit","nm"\n"Height"\n',
+    "steps": "dx(um),0.2\ndy(um),0.2\nheights in nanometres\n",
+    "nova": "Unit X = um\nScale X = 0.2\nScale Y = 0.2\nUnit Data = nm\n",
+}
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_units_and_sizes_of_a_header_are_read(tmp_path, name):
+    """The unit and the lengths of a header are those of the map, and a note gives the
+    unit.
+    """
+    lines = table(MAP.T, ",")
+    if name == "keyence":
+        lines = "\n".join(f'"{row}"' for row in lines.replace(",", '","').split())
+    path = written(tmp_path / "a.csv", STATED[name] + lines)
+    recipe = HeightsFromFile(path, treatment="periodic", form=0)
+    assert recipe.shape == (30, 20)
+    assert recipe.periods == pytest.approx((6e-6, 4e-6), rel=1e-12)
+    surface = recipe.build()
+    expected = 1e-9 * (MAP - MAP.mean())
+    heights = surface.heights.T
+    assert heights == pytest.approx(expected, abs=1e-15)
+    assert "the unit of the heights is 1e-09 m; the file states: " in str(surface.notes)
+
+
+@pytest.mark.parametrize("name", STATED)
+@pytest.mark.parametrize(
+    ("key", "value", "word"),
+    [
+        ("unit", 1e-6, "unit"),
+        ("periods", (6e-3, 4e-3), "size"),
+        ("periods", (4e-6, 6e-6), "size"),
+        ("pixel_size", 1e-6, "size"),
+    ],
+)
+def test_contradictions_to_a_header_are_refused(tmp_path, name, key, value, word):
+    """A key that contradicts the header is refused with both values, unless `accept`
+    has its word.  A key that agrees is accepted.
+    """
+    path = written(tmp_path / "a.csv", STATED[name] + table(MAP.T, ","))
+    shown = "period" if key == "periods" else key
+    with refused(f"a.csv states .*, but {shown} = .* accept = .*{word}"):
+        HeightsFromFile(path, **{key: value})
+    recipe = HeightsFromFile(path, **{key: value}, accept=(word,))
+    assert recipe.unit == (value if key == "unit" else None)
+    agreeing = HeightsFromFile(path, (6e-6, 4e-6), unit=1e-9)
+    assert agreeing.periods == (6e-6, 4e-6)
+
+
+def test_a_header_that_contradicts_itself_is_refused(tmp_path):
+    """A pixel size and a width that differ are refused with both lines."""
+    header = "# Width: 6 µm\n# Height: 4 µm\n# Pixel size: 2 nm\n"
+    path = written(tmp_path / "a.txt", header + table(MAP.T))
+    with refused('"Width: 6 µm" and, for 30 points, "Pixel size: 2 nm"'):
+        HeightsFromFile(path, unit=1e-9)
+
+
+def test_a_point_list_has_the_units_of_its_columns(tmp_path):
+    """A list of x, y and height has the units that its header gives the columns."""
+    points = [(x, y, MAP[y, x]) for x, y in itertools.product(range(30), range(20))]
+    lines = table(np.transpose(points), ",")
+    path = written(tmp_path / "a.csv", "X [µm], Y [µm], Z [nm]\n" + lines)
+    recipe = HeightsFromFile(path, treatment="periodic", form=0)
+    assert recipe.periods == pytest.approx((30e-6, 20e-6))
+    surface = recipe.build()
+    expected = 1e-9 * (MAP - MAP.mean())
+    heights = surface.heights.T
+    assert heights == pytest.approx(expected, abs=1e-15)
