@@ -163,7 +163,7 @@ def test_a_path_that_ends_at_no_load_shows_its_peak_and_what_it_leaves(
     shares = [row.get("flowed_share", {}).get("mean") for row in rows]
     assert shares == [None, None, flowed, flowed]
     counts = pd.read_csv(folder / "contact-bem.csv").set_index("quantity").squeeze()
-    assert counts["apart, flattened before"] == flowed
+    assert counts["apart, flattened"] == flowed
     assert (
         "largest load of the path, 500 MPa"
         in (folder / "contact-bem-peak.txt").read_text()

@@ -25,9 +25,9 @@ from PIL import Image
 from epcontact.errors import OutputError
 from epcontact.output.charts import style
 from epcontact.output.charts.maps import flattened_depth, visible_state
-from epcontact.output.charts.style import FLATTENED, STATE_NAMES, unit_for
+from epcontact.output.charts.style import STATE_NAMES, unit_for
 from epcontact.output.vtk import FieldFile, read_fields, read_quietly
-from epcontact.results import ELASTIC, PLASTIC
+from epcontact.results import APART, PLASTIC
 
 #: Largest number of points along a drawn surface; finer grids are drawn with a stride.
 POINTS = 900
@@ -40,7 +40,12 @@ _LARGEST_FACTOR = 1000
 #: Largest number of faces of a block with drawn element edges; more edges would blacken
 #: it.
 EDGES = 20_000
-TEXT = {"color": "black", "font": "arial", "font_size": 11}
+TEXT = {"color": "black", "font": "arial", "font_size": 14}
+#: Colour of points without contact.  White slopes would be as bright as the paper.
+_GREY = "#c9c9c9"
+#: Left end and width of the bar of contact states, as fractions of the panel.
+_STATES_LEFT = 0.1
+_STATES_WIDTH = 0.8
 #: The quantile of the gap that stands for the depth of typical valleys.
 _TYPICAL_DEPTH = 0.98
 
@@ -200,24 +205,28 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
     scale, unit = unit_for(max(file.periods), "m")
     right = _right_panel(file, limits)
     mesh = _surface_mesh(file, factor, scale, right)
+    states = visible_state(file.fields)
+    kinds = range(int(states.max(initial=PLASTIC)) + 1)
+    colours = style.STATE_COLOURS | {APART: _GREY}
     state_look: dict[str, Any] = {
-        "cmap": list(style.STATE_COLOURS.values()),
-        "clim": (-0.5, len(style.STATE_COLOURS) - 0.5),
+        "cmap": [colours[kind] for kind in kinds],
+        "clim": (-0.5, len(kinds) - 0.5),
+        "scalar_bar_args": _colour_bar("")
+        | {"n_labels": 0, "width": _STATES_WIDTH, "position_x": _STATES_LEFT},
         # The colours are interpolated, not the states: otherwise an elastic rim would
         # appear between apart and plastic.
         "interpolate_before_map": False,
-        "show_scalar_bar": False,
     }
     right_look: dict[str, Any] = {
         "cmap": style.PRESSURE_MAP,
         "clim": (0.0, right.largest / right.scale),
-        "nan_color": "white",
-        "scalar_bar_args": _colour_bar(f"{right.label} ({right.unit}), white: none"),
+        "nan_color": _GREY,
+        "scalar_bar_args": _colour_bar(f"{right.label} ({right.unit}), grey: none"),
     }
     sides = " × ".join(f"{length / scale:.4g}" for length in file.periods)
     mean = float(np.mean(file.field("pressure"), dtype=np.float64))
     mean_scale, mean_unit = unit_for(mean, "Pa")
-    state_title = f"Contact: {sides} {unit}, heights × {factor:.3g}"
+    state_title = f"Contact state; {sides} {unit}, heights × {factor:.3g}"
     load = f"mean pressure {mean / mean_scale:.4g} {mean_unit}"
     right_title = f"{right.label.capitalize()}; {load}"
     shading = {
@@ -237,17 +246,16 @@ def draw_surface(plotter: Any, file: FieldFile, factor: float, limits: Limits) -
         _look_down(plotter, mesh)
         _mark_lengths(plotter, mesh.bounds, unit, "xy")
     plotter.subplot(0, 0)
-    states = visible_state(file.fields)
-    entries = []
-    for kind in (ELASTIC, PLASTIC, FLATTENED):
+    for number, kind in enumerate(kinds):
         percentage = 100 * np.mean(states == kind)
-        if kind == FLATTENED and percentage == 0:
-            continue
-        label = f"{STATE_NAMES[kind]} {percentage:.2f} % of points"
-        entries.append((label, style.STATE_COLOURS[kind]))
-    plotter.add_legend(
-        entries, face="rectangle", loc="lower center", size=(0.22, 0.075), bcolor=None
-    )
+        middle = _STATES_LEFT + _STATES_WIDTH * (number + 0.5) / len(kinds)
+        text = plotter.add_text(
+            f"{STATE_NAMES[kind]}\n{percentage:.2f} %",
+            position=(middle, 0.06),
+            viewport=True,
+            **TEXT | {"font_size": 10},
+        )
+        text.prop.justification_horizontal = "center"
 
 
 class _RightPanel(NamedTuple):
@@ -350,9 +358,9 @@ def _look_down(plotter: Any, mesh: Any) -> None:
     longer_side = max(x1 - x0, y1 - y0)
     # The longer side of an oblong is drawn as long as a square's, so that its labels
     # have room.
-    zoom = 0.9 * float(np.hypot(x1 - x0, y1 - y0)) / (2**0.5 * longer_side)
-    _frame_view(plotter, mesh.bounds, (-0.3, -1.25, 1.5), zoom)
-    plotter.camera.SetWindowCenter(0.0, -0.25)
+    zoom = 0.98 * float(np.hypot(x1 - x0, y1 - y0)) / (2**0.5 * longer_side)
+    _frame_view(plotter, mesh.bounds, (-0.25, -0.9, 1.7), zoom)
+    plotter.camera.SetWindowCenter(0.0, -0.2)
     plotter.remove_all_lights()
     direction = np.array([-1.0, -0.5, 1.0])
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
@@ -571,7 +579,7 @@ def _mark_lengths(plotter: Any, bounds: Any, unit: str, axes: str) -> None:
     """
     unit = unit.replace("µm", "micrometres")  # VTK's font for axes has no µ
     look: dict[str, Any] = {"location": "outer", "ticks": "outside"}
-    look |= {"color": "#303030", "fmt": "%.3g", "font_size": 11}
+    look |= {"color": "#303030", "fmt": "%.3g", "font_size": 16}
     for axis in "xyz":
         look[f"show_{axis}axis"] = axis in axes
         look[f"show_{axis}labels"] = axis in axes

@@ -29,7 +29,7 @@ STATE_NAMES = {
     APART: "apart",
     ELASTIC: "elastic",
     PLASTIC: "plastic",
-    FLATTENED: "apart, flattened before",
+    FLATTENED: "apart, flattened",
 }
 
 #: Sequential and diverging colour maps (names that matplotlib and pyvista share).
