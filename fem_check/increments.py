@@ -25,6 +25,7 @@ from epcontact.errors import NotConverged
 from epcontact.results import APART, ELASTIC, FloatArray
 from fem_check import plasticity
 from fem_check.contact import States, rigid_contact
+from fem_check.free_flow import require_equilibrium
 from fem_check.linear_solver import eliminate, substitute
 from fem_check.newton import SolvedIncrement, solve_increment
 from fem_check.plasticity import History
@@ -92,6 +93,7 @@ def advance(
         The position at the target, with the iterations that were needed.
 
     Raises:
+        FlowsFreely: the body has no equilibrium at the end of an increment.
         NotConverged: the increments to the target were halved more than `MAX_HALVINGS`
             (6) times.
     """
@@ -101,12 +103,21 @@ def advance(
         steps = stepping.steps
     for end in _increment_ends(target, progress.farthest, steps):
         trial_end = end
+        # A perfectly plastic body may have no equilibrium under a larger load.
+        grows = stepping.first_touch is None and end > progress.position
+        may_flow = grows and problem.perfectly_plastic
         while progress.position != end:
             try:
-                solved = _solve_to(problem, progress, trial_end, stepping)
+                solved = _solve_to(
+                    problem, progress, trial_end, stepping, patient=not may_flow
+                )
                 progress = _commit(problem, progress, solved, trial_end)
                 trial_end = end
             except NotConverged:
+                if may_flow:
+                    _require_equilibrium(problem, progress, end)
+                    may_flow = False
+                    continue  # solve the same increment again, with patience
                 counts = progress.counts + Counts(halvings=1)
                 if counts.halvings > MAX_HALVINGS:
                     raise
@@ -161,8 +172,32 @@ def _commit(
     )
 
 
+def _require_equilibrium(problem: Problem, progress: PathProgress, load: float) -> None:
+    """Raise FlowsFreely if a J2 body flows freely below a load.
+
+    Args:
+        problem: the finite-element problem.
+        progress: position on the path, at a smaller load.  Without a state there, the
+            flat is pressed on from the elastic contact whose mean pressure is the
+            yield stress.
+        load: total force, in N.
+    """
+    if progress.states:
+        state = progress.states[-1]
+    else:
+        contact = _elastic_state(problem, Control(load=load)).states != APART
+        contact_area = int(contact.sum()) * problem.block.node_area
+        yielding = min(load, problem.law.yield_stress * contact_area)
+        state = _elastic_state(problem, Control(load=yielding))
+    require_equilibrium(problem, state, progress.history, load)
+
+
 def _solve_to(
-    problem: Problem, progress: PathProgress, end: float, stepping: Stepping
+    problem: Problem,
+    progress: PathProgress,
+    end: float,
+    stepping: Stepping,
+    patient: bool,
 ) -> SolvedIncrement:
     """Solve one increment of the load path from a first guess.
 
@@ -172,6 +207,7 @@ def _solve_to(
         end: force in N, or approach in m since the first touch if the stepping has one;
             the force 0 removes the load.
         stepping: kind of target, and tolerance on the residuals.
+        patient: whether Newton's method goes on if the residual stagnates.
 
     Raises:
         NotConverged: Newton's method did not reach the tolerance.
@@ -189,6 +225,7 @@ def _solve_to(
         progress.history,
         control,
         stepping.tolerance,
+        patient,
     )
 
 

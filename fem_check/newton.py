@@ -30,6 +30,9 @@ from fem_check.workers import dot
 MAX_ITERATIONS = 30
 #: Times that a Newton step is shortened at most.
 MAX_CUTS = 12
+#: An iteration stagnates if these last residuals are all above this fraction of the
+#: smallest residual before them.
+STAGNATION = (4, 0.9)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ def solve_increment(
     history: History,
     control: Control,
     tolerance: float = 1e-8,
+    patient: bool = True,
 ) -> SolvedIncrement:
     """Solve for the state that an increment's control prescribes, by Newton's method.
 
@@ -66,14 +70,17 @@ def solve_increment(
         history: plastic strains of the elements before the increment.
         control: prescribed load or approach.
         tolerance: on the largest residual, dimensionless.
+        patient: whether the iteration goes on if the residual stagnates, as it does
+            where the body has no equilibrium, and sometimes where it has one.
 
     Returns:
         The converged state, the elements that flow, the residuals and the iterations.
         The plastic strains are not yet added to the history.
 
     Raises:
-        NotConverged: after `MAX_ITERATIONS` (30), or at a residual that is not finite;
-            the error holds the residuals of all iterations.
+        NotConverged: after `MAX_ITERATIONS` (30), at a residual that is not finite, or
+            at one that stagnates without `patient`; the error holds the residuals of
+            all iterations.
     """
     counts = Counts(increments=1)
     largest_residuals = []
@@ -88,7 +95,8 @@ def solve_increment(
             return SolvedIncrement(
                 state, flowing, counts, residuals, tuple(largest_residuals)
             )
-        if counts.newton >= MAX_ITERATIONS or not np.isfinite(largest):
+        given_up = counts.newton >= MAX_ITERATIONS or not np.isfinite(largest)
+        if given_up or (not patient and _stagnates(largest_residuals)):
             raise NotConverged(
                 f"the load step did not converge in {counts.newton} Newton iterations: "
                 f"relative residual {largest:.2e} instead of {tolerance:.0e}",
@@ -115,6 +123,18 @@ def solve_increment(
         flowing = trial.flowing
         # Their fields would stay in memory during the next linear solve.
         del R, tangent, linear, trial
+
+
+def _stagnates(residuals: list[float]) -> bool:
+    """Return True if the last residuals of an iteration are no smaller than before.
+
+    `residuals` are the largest ones, dimensionless, one for each iteration so far; see
+    `STAGNATION`.
+    """
+    count, fraction = STAGNATION
+    if len(residuals) <= count:
+        return False
+    return min(residuals[-count:]) > fraction * min(residuals[:-count])
 
 
 def _tangent(

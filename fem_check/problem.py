@@ -164,6 +164,11 @@ class Problem:
         return math.isfinite(self.law.yield_stress)
 
     @property
+    def perfectly_plastic(self) -> bool:
+        """True if the problem's material flows without hardening."""
+        return self.plastic and self.law.hardening_modulus == 0
+
+    @property
     def capped(self) -> bool:
         """True if the problem's nodal contact forces have an upper bound."""
         return math.isfinite(self.cap)

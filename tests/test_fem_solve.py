@@ -11,12 +11,20 @@ import pytest
 from fem_scenes import rough_scene
 
 import fem_check
-from epcontact.errors import InvalidScene, NotConverged, NotEnoughMemory, OutputError
+from epcontact.errors import (
+    InvalidScene,
+    NotConverged,
+    NotEnoughMemory,
+    OutputError,
+    SurfaceWarning,
+)
 from epcontact.results import APART, ELASTIC, PLASTIC
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.hardness import model_scene
 from fem_check import FemOptions, increments, mesh_of, newton, plasticity, vtu
 from fem_check.driver import problem_of, solve_path
+from fem_check.free_flow import FlowsFreely, require_equilibrium
+from fem_check.limit_load import STRIP_LIMIT
 from fem_check.mesh import bytes_needed
 from fem_check.result import contact_result, nodes_across
 
@@ -360,16 +368,16 @@ def test_units_do_not_matter(length, stress):
 
 
 def test_increments_that_fail_are_halved(monkeypatch):
-    """An increment that does not converge is halved, twice here, and a note reports the
-    halvings.
+    """An increment that does not converge is solved again with patience, as the body
+    carries the load; then it is halved, twice here, and a note reports the halvings.
     """
     failure = NotConverged("too far")
-    outcomes = [DEFAULT, failure, failure, DEFAULT, DEFAULT]
+    outcomes = [DEFAULT, failure, failure, failure, DEFAULT, DEFAULT]
     solve_increment = Mock(wraps=increments.solve_increment, side_effect=outcomes)
     monkeypatch.setattr(increments, "solve_increment", solve_increment)
     result = solve(rough_scene(8, 2, pressure=(0.02, 0.06)), steps=1)
     loads = [call.args[3].load for call in solve_increment.call_args_list]
-    assert loads == [0.02, 0.06, 0.04, 0.03, 0.06]
+    assert loads == [0.02, 0.06, 0.06, 0.04, 0.03, 0.06]
     assert "an increment towards point 1 was halved 2 times" in result.notes
 
 
@@ -382,6 +390,88 @@ def test_what_does_not_converge_raises_with_its_residuals(monkeypatch):
         solve(rough_scene(16, 3))
     assert len(caught.value.history) == 2
     assert caught.value.residuals["balance"] > 1e-8
+
+
+def strip_scene(*contact_pressures):
+    """Return the scene of a strip punch of 15 of 64 nodes on a J2 body.
+
+    `contact_pressures` are the mean pressures of the path, in the strip and over the
+    yield stress (1 Pa).  The spacing is 1 m, and no other node comes into contact.
+    """
+    heights = np.full(64, -10.0)
+    heights[:15] = 0.0
+    pressures = tuple(15 / 64 * pressure for pressure in contact_pressures)
+    with pytest.warns(SurfaceWarning, match="slope"):
+        surface = Surface(heights, (64.0,))
+    return Scene(surface, Material(1000.0, 0.3, yield_stress=1.0), Load(pressures))
+
+
+@pytest.mark.parametrize("path", [(3.09,), (3.3,), (30.0,), (2.5, 3.09)])
+def test_a_punch_beyond_its_limit_load_flows_freely(path):
+    """Beyond the limit load of a strip the error gives this load, on every path.
+
+    `path` holds mean pressures in the strip over the yield stress.  The nodes carry
+    between the outermost nodes and half a spacing beyond them: 14 to 15 spacings, and
+    the expected load is Prandtl's for this width.
+    """
+    with pytest.raises(FlowsFreely, match=r"flows freely from 0\.681 Pa on") as caught:
+        solve(strip_scene(*path))
+    force = caught.value.limit * 64
+    assert 14 < force / STRIP_LIMIT < 15
+
+
+def test_a_load_beyond_the_limit_costs_at_most_twice_that_of_one_below(monkeypatch):
+    """The limit load of a strip (2.907 yield stresses) is found in at most twice the
+    iterations of conjugate gradients that a load just below it takes.
+    """
+    linear_contact = newton.linear_contact
+    iterations = []
+
+    def count_iterations(*arguments):
+        """Solve the linearised contact, and add its iterations to the list."""
+        solution, counts = linear_contact(*arguments)
+        iterations.append(counts.cg)
+        return solution, counts
+
+    monkeypatch.setattr(newton, "linear_contact", count_iterations)
+    result = solve(strip_scene(2.905))
+    assert result.final.areas["raw"].total == 15 / 64
+    below = sum(iterations)
+    iterations.clear()
+    with pytest.raises(FlowsFreely):
+        solve(strip_scene(3.09))
+    assert sum(iterations) < 2 * below
+
+
+def test_a_body_that_carries_the_load_passes_the_check_of_free_flow(monkeypatch):
+    """A load that the body carries, and a check without an answer, raise no error."""
+    path = solve_path(strip_scene(2.0), certified=False)
+    state = path.points[-1].state
+    require_equilibrium(path.problem, state, path.history, load=2.2 * 15)
+    lifted = replace(state, approach=-1.0)
+    require_equilibrium(path.problem, lifted, path.history, load=3.3 * 15)
+    monkeypatch.setattr(newton, "MAX_ITERATIONS", 1)
+    require_equilibrium(path.problem, state, path.history, load=3.3 * 15)
+
+
+def test_a_body_that_hardens_carries_every_load():
+    """With hardening the strip carries 3.3 yield stresses, beyond its limit load."""
+    result = solve(strip_scene(3.3), hardening=50.0)
+    assert result.final.mean_pressure == 3.3 * 15 / 64
+
+
+def test_an_iteration_that_stagnates_goes_on_where_the_body_carries_the_load(
+    monkeypatch,
+):
+    """Where each iteration counts as stagnation, the results keep their bits, because
+    the increment is solved again with patience.
+    """
+    scene = rough_scene(8, 2, yield_stress=0.05)
+    expected = solve(scene, steps=2).fields["pressure"]
+    monkeypatch.setattr(newton, "STAGNATION", (1, 0.0))
+    result = solve(scene, steps=2)
+    assert result.fields["pressure"].tobytes() == expected.tobytes()
+    assert result.final.iterations["increments"] == 2
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ TOKENS = {
     "epcontact.scene": 3_096,
     "epcontact.studies": 22_428,
     "epcontact.surfaces": 15_803,
-    "fem_check": 28_457,
+    "fem_check": 28_971,
     "lines of saved screens": 636,
     "tests": 132_832,
     "tests/laboratory": 26_326,
