@@ -75,20 +75,40 @@ class StudyUnavailable(EpcontactError):
     """A study that needs a package that is not installed."""
 
 
-def printable(text: str) -> str:
-    """Return a text on one line without control characters.
+#: Characters of the longest sentence that is shown; the rest of its middle is left out.
+LONGEST_SENTENCE = 2000
 
-    Line breaks and runs of blanks become one blank.  Characters that a terminal or XML
-    cannot show become escapes such as \\x1b.
+
+def without_controls(text: str) -> str:
+    """Return a text in which every character is shown as itself, not obeyed.
+
+    Every word that a file or a solver supplies passes through this function before a
+    terminal, an XML file or a chart shows it.  Line breaks stay.  Other characters that
+    are not printable, such as those that begin a command to a terminal or turn the
+    direction of writing, become escapes such as \\x1b.
     """
-    line = " ".join(text.split())
     characters = []
-    for character in line:
-        if character.isprintable():
+    for character in text:
+        if character.isprintable() or character == "\n":
             characters.append(character)
         else:
             characters.append(repr(character)[1:-1])
     return "".join(characters)
+
+
+def printable(text: str) -> str:
+    """Return a text on one line without control characters, for a sentence.
+
+    Line breaks and runs of blanks become one blank; see `without_controls` for other
+    characters.  Of a text longer than `LONGEST_SENTENCE` the middle is left out, and
+    the number of its characters is stated.
+    """
+    line = without_controls(" ".join(text.split()))
+    omitted = len(line) - LONGEST_SENTENCE
+    if omitted <= 0:
+        return line
+    half = LONGEST_SENTENCE // 2
+    return f"{line[:half]} … {omitted} characters left out … {line[-half:]}"
 
 
 def sentence_of(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 mistake.
 """
 
+import io
 import json
 import os
 import re
@@ -26,7 +27,8 @@ from epcontact.cli import list_cases, main
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.options import show_progress
 from epcontact.cli.tables import results_table, verdict_table
-from epcontact.cli.terminal import print_rows
+from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
+from epcontact.errors import sentence_of
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.case_files.text import case_files, case_name, find_cases
 from epcontact.harness.solving.run import run_cases
@@ -536,3 +538,84 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, capsys, first)
     assert all(
         seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items()
     )
+
+
+# --- words from outside
+# ---------------------------------------------------------------------------------
+
+#: Names of files that rich, a terminal and matplotlib would obey: markup, a command
+#: that turns the text red, a formula, and a change of the direction of writing.
+HOSTILE_NAMES = ("a[/x].npy", "b\x1b[31m.npy", "c$x\\frac$.npy", "d\u202e.npy")
+SHOWN_NAMES = ("a[/x].npy", "b\\x1b[31m.npy", "c$x\\frac$.npy", "d\\u202e.npy")
+
+
+def test_names_of_files_are_shown_and_not_obeyed(write_case, tmp_path):
+    """A sweep over HOSTILE_NAMES solves and draws all, and shows SHOWN_NAMES."""
+    heights = np.random.default_rng(2).normal(size=(8, 8)) * 1e-7
+    (tmp_path / "a[").mkdir()
+    for name in HOSTILE_NAMES:
+        np.save(tmp_path / name, heights)
+    surface = 'kind = "file"\npath = "a[/x].npy"\nunit = 1.0\nperiod = [1e-3, 1e-3]'
+    path = write_case(
+        (ROUGH, surface),
+        ('methods = ["persson", "bem"]', 'methods = ["bem"]'),
+        ('against = "persson"', 'against = 0.5\nsource = "-"'),
+        ("[theory]\nenergy_reduction = 0.536\n", ""),
+        more=f"\n[sweep]\nsurface.path = {json.dumps(HOSTILE_NAMES)}\n",
+    )
+    done = invoke("sweep", path, "--output", tmp_path, "--charts", "--jobs", 1)
+    assert done.returncode == 0, done.stderr
+    for name in SHOWN_NAMES:
+        assert name in done.stdout
+        assert name in done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+    assert (tmp_path / "small" / "fast" / "loads-areas.png").is_file()
+
+
+def test_a_progress_bar_and_tables_have_no_markup(monkeypatch):
+    """The bar and the tables of a terminal show hostile words; a status is coloured."""
+    shown = io.StringIO()
+
+    def console(**_):
+        """Return the console of a terminal that writes to `shown`."""
+        return Console(file=shown, force_terminal=True, width=100)
+
+    monkeypatch.setattr("epcontact.cli.options.Console", console)
+    with show_progress(Run()) as run:
+        run.progress(1, 2, "case [/x] \x1b[5m")
+    table = new_table(("name", "status"))
+    table.add_row("[/y] \x1b[5m", text_of("error", "bold red"))
+    console().print(table)
+    print_sentence(console(), "a sentence [/z] \x1b[5m")
+    text = shown.getvalue()
+    for word in ("[/x]", "[/y]", "[/z]"):
+        assert f"{word} \\x1b[5m" in text
+    assert "\x1b[5m" not in text
+    assert "\x1b[1;31merror" in text
+
+
+def test_a_list_and_a_solver_send_nothing_to_the_terminal(write_case, monkeypatch):
+    """A requirement and what a solver writes to stderr are shown without controls."""
+    words = "A red \\u001b[31m word."
+    path = write_case(
+        ("The boundary elements and the theory answer a small scene.", words)
+    )
+    (path.parent / "cases").mkdir()
+    path.rename(path.parent / "cases" / path.name)
+    monkeypatch.chdir(path.parent)
+    assert "A red \\x1b[31m word." in invoke("list").stdout
+    solver = "sh -c 'printf \"\\033[31mred\" >&2; exit 3' {scene} {result}"
+    done = invoke("verify", "cases/small.toml", "--solver", solver, "--jobs", 1)
+    assert "\\x1b[31mred" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_a_sentence_leaves_out_the_middle_of_a_very_long_text():
+    """An exception of a million characters becomes a sentence of about 2000, with the
+    count of those left out.
+    """
+    sentence = sentence_of(ValueError("start" + "x" * 10**6 + "end\x1b"))
+    assert sentence.startswith("ValueError: start")
+    assert sentence.endswith("end\\x1b")
+    assert "… 998024 characters left out …" in sentence
+    assert len(sentence) < 2050

@@ -33,7 +33,7 @@ TOKENS = {
     "epcontact.bem": 29_582,
     "epcontact.cli": 9_625,
     "epcontact.crosscheck": 3_203,
-    "epcontact.errors": 362,
+    "epcontact.errors": 410,
     "epcontact.files": 859,
     "epcontact.harness": 37_300,
     "epcontact.interface": 2_698,
@@ -167,6 +167,23 @@ def test_imports_stand_at_the_top():
         for name in imported(function)
     }
     assert len(deferred) <= DEFERRED, "\n".join(sorted(deferred))
+
+
+def test_only_two_modules_print():
+    """Commands print by `cli.main` and `cli.terminal`, which make words from outside
+    harmless.  No other module calls `echo` or `print`, or makes a table or text of
+    rich; `options` has the console of the progress bar.
+    """
+    printers = {"echo", "print", "Console", "Table", "Text"}
+    outlets = {"epcontact.cli.main", "epcontact.cli.terminal"}
+    calls = set()
+    for module, tree in MODULES.items():
+        for node in ast.walk(tree):
+            if module not in outlets and isinstance(node, ast.Call):
+                name = getattr(node.func, "id", ast.unparse(node.func))
+                if name in printers or name == "click.echo":
+                    calls.add((module, name))
+    assert calls == {("epcontact.cli.options", "Console")}
 
 
 def tokens_of_code(text):

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from rich.console import Console
 from rich.table import Table
 
-from epcontact.cli.main import print_error
+from epcontact.cli.main import print_error, print_text
 from epcontact.cli.options import folder
-from epcontact.cli.terminal import new_table
+from epcontact.cli.terminal import new_table, open_console, text_of
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as stability_maps
@@ -42,13 +41,13 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
         table = new_table(("chart", "shows"))
         for study in STUDIES.values():
             table.add_row(study.name, study.description)
-        Console().print(table)
+        open_console().print(table)
     for name in dict.fromkeys(wanted):
         charts = STUDIES[name].run(print_error, full=full)
         for path in save_charts(name, charts, output):
-            click.echo(path)
+            print_text(path)
         for drawn in charts:
-            click.echo(drawn.caption)
+            print_text(drawn.caption)
 
 
 @click.command()
@@ -65,8 +64,8 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
         size = "full"
     points = stability_maps.stability(maps, size, say=print_error)
     for path in stability_maps.write(points, size, output):
-        click.echo(path)
-    Console().print(_summary(points))
+        print_text(path)
+    open_console().print(_summary(points))
 
 
 def _summary(points: pd.DataFrame) -> Table:
@@ -79,9 +78,7 @@ def _summary(points: pd.DataFrame) -> Table:
     table = new_table(("map", "method"), ("points", "failures", "largest effort"))
     for (name, method), group in points.groupby(["map", "method"], sort=False):
         failures = int((~group["converged"]).sum())
-        shown = str(failures)
-        if failures:
-            shown = f"[bold red]{failures}[/]"
+        style = "bold red" if failures else ""
         effort = f"{group['effort'].max():g}"
-        table.add_row(name, method, str(len(group)), shown, effort)
+        table.add_row(name, method, str(len(group)), text_of(failures, style), effort)
     return table

@@ -9,9 +9,15 @@ from typing import Any
 import click
 import numpy as np
 from rich.console import Console
-from rich.text import Text
 
-from epcontact.cli.terminal import new_table, open_console, print_rows
+from epcontact.cli.main import print_text
+from epcontact.cli.terminal import (
+    new_table,
+    open_console,
+    print_rows,
+    print_sentence,
+    text_of,
+)
 from epcontact.files import atomic_write
 from epcontact.harness.verdict import compare as comparing
 from epcontact.harness.verdict.compare import (
@@ -56,7 +62,7 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) 
     new = read_values(verdicts[-1])
     if saved is not None:
         save_values(new, saved)
-        click.echo(f"figures in {saved}")
+        print_text(f"figures in {saved}")
         if len(verdicts) == 1:
             return
     old_file = RELEASE_VALUES
@@ -78,21 +84,21 @@ def _print_comparison(comparison: Comparison) -> None:
     First come the values that changed most, then the solves with more work, the notes
     on values that could not be compared, and the counts of all of these.
     """
-    console = Console()
+    console = open_console()
     _print_moved(console, comparison)
     if len(comparison.slower):
         work = new_table(("more work",), ("old", "new", "ratio"))
         for row in comparison.slower.head(_ROWS).itertuples():
             name = f"{row.case} {row.size}: {row.name.removeprefix('cost.')}"
             values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
-            work.add_row(Text(name), *values, f"{row.ratio:.2f}")
+            work.add_row(name, *values, f"{row.ratio:.2f}")
         console.print(work)
     for words, names in comparison.notes.items():
         if names:
             sentence = f"{words}: {', '.join(names[:_NAMES])}"
             if len(names) > _NAMES:
                 sentence += f" and {len(names) - _NAMES} more"
-            console.print(sentence, markup=False, highlight=False)
+            print_sentence(console, sentence)
     within = len(comparison.moved) - comparison.beyond
     summary = (
         f"{comparison.compared} values compared: {comparison.beyond} moved beyond "
@@ -100,7 +106,7 @@ def _print_comparison(comparison: Comparison) -> None:
     )
     if comparison.time > 0:
         summary += f"; seconds: {comparison.time:.2f} times as many"
-    console.print(summary, highlight=False)
+    print_sentence(console, summary)
 
 
 def _print_moved(console: Console, comparison: Comparison) -> None:
@@ -116,12 +122,12 @@ def _print_moved(console: Console, comparison: Comparison) -> None:
     largest = comparison.moved.head(_ROWS)
     in_order = largest.sort_values(["case", "size"], kind="stable")
     for (case, size), group in in_order.groupby(["case", "size"], sort=False):
-        table.add_row(f"[bold]{case} {size}[/]")
+        table.add_row(text_of(f"{case} {size}", "bold"))
         for row in group.itertuples():
             values = (f"{row.value_old:.6g}", f"{row.value_new:.6g}")
             style = "bold red" if row.moved > 1 else ""
-            change = Text(f"{row.moved:.2g}", style)
-            table.add_row(Text(f"  {row.quantity}"), *values, change)
+            change = text_of(f"{row.moved:.2g}", style)
+            table.add_row(f"  {row.quantity}", *values, change)
     console.print(table)
 
 
@@ -185,7 +191,7 @@ def accuracy(
         names = tuple(map(str, folders))
         drawn = STUDIES["accuracy"].run(folders=names, known=rows)
         for path in save_charts("accuracy", drawn, charts):
-            click.echo(path)
+            print_text(path)
 
 
 def _ledger_row(row: dict[str, Any]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from epcontact.cli.main import print_text
 from epcontact.cli.options import case_size
 from epcontact.crosscheck.report import crosscheck as check_models
 from epcontact.errors import InvalidCase
@@ -38,7 +39,7 @@ def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> No
     numbers = range(0)
     if seeds is not None:
         numbers = _seeds(seeds)
-    click.echo(check_models(loaded, numbers, steps=steps))
+    print_text(check_models(loaded, numbers, steps=steps))
 
 
 def _seeds(text: str) -> range:
@@ -76,4 +77,4 @@ def export(case: str, file: Path, size: str) -> None:
     if loaded.skip:
         raise InvalidCase(f"{loaded.path}: {loaded.skip}")
     options = loaded.fem.model_dump(exclude_none=True)
-    click.echo(calculix.export(loaded.scene(loaded.recipes[0]), file, options))
+    print_text(calculix.export(loaded.scene(loaded.recipes[0]), file, options))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from epcontact.cli.main import print_text
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.reference.conductance import joint_conductance
 
@@ -35,8 +36,8 @@ def hardness(**arguments: float) -> None:
     surface, which may be a measured map.
     """
     cap = effective_hardness(**arguments)
-    click.echo(str(cap))
-    click.echo(cap.source)
+    print_text(str(cap))
+    print_text(cap.source)
 
 
 @click.command()
@@ -75,4 +76,4 @@ def joint(**arguments: float) -> None:
     longest waves are assumed.  The exact route is a case of this surface with a gate on
     quantity.conductance.
     """
-    click.echo(str(joint_conductance(**arguments)))  # type: ignore[arg-type]
+    print_text(str(joint_conductance(**arguments)))  # type: ignore[arg-type]

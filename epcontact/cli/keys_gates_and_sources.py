@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from epcontact.cli.main import print_text
 from epcontact.cli.options import case_size, folder
 from epcontact.cli.terminal import open_console, print_rows
 from epcontact.harness.case_files.case import (
@@ -46,7 +45,7 @@ def schema(kind: str) -> None:
         content = case_schema()
     else:
         content = Verdict.model_json_schema()
-    click.echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    print_text(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
 @click.command()
@@ -59,7 +58,7 @@ def cite(case: str, size: str) -> None:
     may have gates, and so papers, of its own.
     """
     for line in citation(load_case(find_case(case), size)):
-        click.echo(line)
+        print_text(line)
 
 
 @click.command()
@@ -82,9 +81,7 @@ def gates(cases: tuple[str, ...], output: Path) -> None:
                 margin = margins.get((text.id, size, gate.name), "–")
                 band = f"{gate.low:g} … {gate.high:g}"
                 rows.append((text.id, size, gate.name, band, margin, gate.because))
-    console = Console()
-    if not sys.stdout.isatty():
-        console = Console(width=_PIPE)
+    console = open_console(pipe=_PIPE)
     print_rows(console, ("case", "size", "gate", "band", "margin", "because"), rows)
 
 

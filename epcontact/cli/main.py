@@ -23,7 +23,13 @@ from typing import TextIO
 
 import click
 
-from epcontact.errors import EpcontactError, InvalidCase, nearest, printable
+from epcontact.errors import (
+    EpcontactError,
+    InvalidCase,
+    nearest,
+    printable,
+    without_controls,
+)
 from epcontact.machine import LINEAR_ALGEBRA, single_threads
 
 #: The module of each command, whose function has the name of the command.
@@ -189,14 +195,26 @@ def _unexpected(error: Exception) -> str:
         return "cannot write the output: no space left on device"
     if isinstance(error, OSError) and number in (errno.ENAMETOOLONG, errno.EACCES):
         return f"cannot open {error.filename}: {os.strerror(number).lower()}"
-    traceback.print_exc()
+    print_error(traceback.format_exc())
     return "this is a bug in epcontact; please report it"
 
 
+def print_text(text: object) -> None:
+    """Print a text of one or more lines on standard output.
+
+    Control characters in it are shown as escapes, because parts of the text, such as
+    names of files, may come from elsewhere.
+    """
+    click.echo(without_controls(str(text)))
+
+
 def print_error(sentence: str) -> None:
-    """Print a sentence on stderr; do nothing if stderr is closed."""
+    """Print a sentence on stderr; do nothing if stderr is closed.
+
+    Control characters in it are shown as escapes.
+    """
     try:
-        click.echo(sentence, err=True)
+        click.echo(without_controls(sentence), err=True)
     except OSError:
         discard_output(sys.stderr)
 

@@ -18,11 +18,13 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     TaskID,
+    TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 from epcontact.cli.main import print_error
+from epcontact.errors import printable
 from epcontact.harness.case_files.case import SIZES
 from epcontact.harness.solving.tasks import Run
 
@@ -151,7 +153,7 @@ def show_progress(
     console = Console(stderr=True)
     is_terminal = console.is_terminal
     bar = _Bar(
-        "{task.description}",
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -180,6 +182,7 @@ def show_progress(
                     "(reused)" if an earlier result was taken.  Empty: none finished.
             """
             nonlocal solves
+            words = printable(words)
             is_reused = words.endswith("(reused)")
             if words and not is_reused:
                 solves += 1

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import click
 
 from epcontact import planning
-from epcontact.cli.main import print_error
+from epcontact.cli.main import print_error, print_text
 from epcontact.cli.options import run_options
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
@@ -64,10 +64,10 @@ def plan(
     chosen = planning.plan(
         loaded, _fraction(tolerance), parts=parts, progress=print_error
     )
-    click.echo(f"{chosen.case}: {_model(chosen)}, {chosen.areas} areas")
+    print_text(f"{chosen.case}: {_model(chosen)}, {chosen.areas} areas")
     for sentence in (*chosen.reasons, *_caveats(loaded, chosen), *chosen.notes):
-        click.echo(f"  {sentence}")
-    click.echo(
+        print_text(f"  {sentence}")
+    print_text(
         f"  expected: error {100 * chosen.expected_error:.2g} %, "
         f"work {chosen.work:.3g} (grid points times transforms); the case as it is "
         f"takes {chosen.given_work:.3g}"
@@ -148,7 +148,7 @@ def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
         sentence = (
             f"the promise {outcome}: error {error:.2g} by {grid} points, {bounds}"
         )
-    click.echo(f"  {chosen.case}: {sentence}")
+    print_text(f"  {chosen.case}: {sentence}")
     if not holds:
         sys.exit(1)
 

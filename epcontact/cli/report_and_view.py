@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from epcontact.cli.main import print_text
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
@@ -30,7 +31,7 @@ def report(folder: Path, output: Path | None) -> None:
     page = report_folder(
         folder, verdict.content, output, draw=draw_saved, overview=overview(verdict)
     )
-    click.echo(f"report in {page}")
+    print_text(f"report in {page}")
 
 
 @click.command()
@@ -73,15 +74,15 @@ def view(
         raise click.UsageError("--against draws to a file; give --screenshot too")
     if contact_map is not None:
         save_map(viewing.find_result(result), contact_map)
-        click.echo(f"map in {contact_map}")
+        print_text(f"map in {contact_map}")
     if film is not None:
         viewing.animate([result], film, factor=factor)
-        click.echo(f"film in {film}")
+        print_text(f"film in {film}")
     if screenshot is not None:
         if against is None:
             viewing.screenshot(result, screenshot, factor=factor)
         else:
             viewing.compare(result, against, screenshot)
-        click.echo(f"picture in {screenshot}")
+        print_text(f"picture in {screenshot}")
     if screenshot is None and contact_map is None and film is None:
         viewing.show(result, factor=factor)

@@ -15,7 +15,7 @@ from rich.table import Table
 
 import epcontact
 from epcontact.cli import options, tables
-from epcontact.cli.main import discard_output, print_error
+from epcontact.cli.main import discard_output, print_error, print_text
 from epcontact.cli.terminal import open_console, print_sentence
 from epcontact.errors import EpcontactError
 from epcontact.files import require_links_inside
@@ -90,10 +90,10 @@ def run(
     if fields == "film":
         _draw_films(chosen, settings.folder)
     folder = chosen.folder(settings.folder)
-    click.echo(f"results in {folder}")
+    print_text(f"results in {folder}")
     for peak in sorted(folder.glob("*-peak.vti")):
         last = peak.name.replace("-peak", "")
-        click.echo(f"fields at the largest load in {peak.name}, at the last in {last}")
+        print_text(f"fields at the largest load in {peak.name}, at the last in {last}")
 
 
 def _fields_of_run(fields: str) -> str:
@@ -292,7 +292,7 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
         tables.print_surface_notes(console, case.case, case.results)
     is_solved = any(method.results for method in case.results.values())
     if with_loads and case.case.lists_loads and is_solved:
-        console.print(f"\nloads of {case.id}")
+        print_text(f"\nloads of {case.id}")
         console.print(tables.results_table(case.results, console.width))
     if case.case.told_hardness:
         print_sentence(console, f"{case.id}: {case.case.told_hardness}")
@@ -369,7 +369,7 @@ def _draw_films(case: Case, output: Path) -> None:
     folder = case.folder(output)
     films = draw_films(folder)
     for name in films.names:
-        click.echo(f"film in {folder / name}.gif")
+        print_text(f"film in {folder / name}.gif")
     for sentence in films.missing:
         print_error(f"epcontact: {sentence}")
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import click
 import pandas as pd
 
+from epcontact.cli.main import print_text
 from epcontact.cli.options import case_size, run_options, show_progress
 from epcontact.cli.tables import loads_table
 from epcontact.cli.terminal import open_console
@@ -63,9 +64,9 @@ def sweep(
         rows_by_point = {point: rows for point, (rows, _) in swept.loads.items()}
         draw_sweep(swept.folder, rows_by_point, swept.fields)
     for path, words in swept.fields.items():
-        click.echo(f"fields of {words} in {path}")
+        print_text(f"fields of {words} in {path}")
     solved = swept.table.loc[swept.table["load"] == 0, "solved"]  # a row for each task
-    click.echo(
+    print_text(
         f"{solved.sum()} of {len(solved)} tasks are solved, {swept.reused} of them "
         f"earlier; table in {swept.folder / 'sweep.csv'}, digest "
         f"{digest(swept.table)[:12]}"
@@ -92,7 +93,7 @@ def _print_points(swept: Swept) -> None:
     console.print(loads_table(shown, "point", console.width, **units))
     hidden = len(swept.loads) - len(shown)
     if hidden > 0:
-        click.echo(f"and {hidden} more")
+        print_text(f"and {hidden} more")
     for note, count in swept.notes.items():
         tasks = "1 task" if count == 1 else f"{count} tasks"
-        click.echo(f"note of {tasks}: {note}")
+        print_text(f"note of {tasks}: {note}")

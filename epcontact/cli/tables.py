@@ -9,7 +9,13 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from epcontact.cli.terminal import WIDE, fit_table, new_table, print_sentence
+from epcontact.cli.terminal import (
+    WIDE,
+    fit_table,
+    new_table,
+    print_sentence,
+    text_of,
+)
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.solving.method_results import MethodResults, load_rows
@@ -98,15 +104,15 @@ def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
         table.add_column("requirement", no_wrap=True, max_width=room)
     for case in cases:
         margin = ""
-        name: str | Text = ""
+        name = ""
         gate = tightest(case.gates)
         if gate:
             margin = margin_text(gate)
-            name = Text(f"{gate.quantity} of {gate.of}")
+            name = f"{gate.quantity} of {gate.of}"
         count = str(len(case.gates))
         row: list[str | Text] = [case.id, _styled(case.status), count, margin, name]
         if is_wide:
-            row.append(Text(case.requirement))
+            row.append(case.requirement)
         table.add_row(*row)
     return fit_table(table, width)
 
@@ -135,7 +141,7 @@ def _wide_gates(cases: Sequence[CaseVerdict]) -> Table:
     for case in cases:
         if case.skipped_because:
             blank = [""] * (len(table.columns) - 2)
-            table.add_row(f"[bold]{case.id}[/]", *blank, _styled(case.status))
+            table.add_row(text_of(case.id, "bold"), *blank, _styled(case.status))
         name = case.id
         for gate in case.gates:
             table.add_row(name, *_gate_row(gate))
@@ -151,23 +157,23 @@ def _narrow_gates(cases: Sequence[CaseVerdict]) -> Table:
     table = new_table(("gate",), ("difference", "band"))
     table.add_column("verdict", no_wrap=True)
     for case in cases:
-        status = ""
+        status = text_of("")
         if case.skipped_because:
             status = _styled(case.status)
-        table.add_row(f"[bold]{case.id}[/]", "", "", status)
+        table.add_row(text_of(case.id, "bold"), "", "", status)
         for gate in case.gates:
             quantity, of, against, _, _, difference, band, verdict = _gate_row(gate)
-            name = Padding(f"{quantity} of {of} against {against}", (0, 0, 0, 2))
-            table.add_row(name, difference, band, verdict)
+            words = text_of(f"{quantity} of {of} against {against}")
+            table.add_row(Padding(words, (0, 0, 0, 2)), difference, band, verdict)
     return table
 
 
-def _styled(status: str) -> str:
-    """Return a status, a key of STYLES, in its colour, as rich markup."""
-    return f"[{STYLES[status]}]{status}[/]"
+def _styled(status: str) -> Text:
+    """Return a status, a key of STYLES, in its colour."""
+    return text_of(status, STYLES[status])
 
 
-def _gate_row(gate: GateVerdict) -> tuple[str, ...]:
+def _gate_row(gate: GateVerdict) -> tuple[str | Text, ...]:
     """Return the eight texts of a judged gate.
 
     They are: quantity with the norm of its difference, the method that is judged (of),

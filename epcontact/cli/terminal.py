@@ -1,13 +1,21 @@
-"""Tables and sentences on a terminal of any width, and in a pipe."""
+"""Tables and sentences on a terminal of any width, and in a pipe.
+
+All words that are printed pass through `text_of`.  Words from a file can therefore
+neither style the output nor send commands to the terminal.  Single lines are printed by
+`print_text` and `print_error` of `main`, which do the same without loading rich.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
+
+from epcontact.errors import without_controls
 
 #: The fewest columns of a terminal at which rows with long texts are a table.
 WIDE = 150
@@ -17,12 +25,38 @@ NARROW = 75
 _PIPE = 200
 
 
-def open_console() -> Console:
-    """Return the console of standard output; in a pipe it has `_PIPE` columns."""
+def text_of(words: object, style: str = "") -> Text:
+    """Return words as a text for a console or a cell of a table.
+
+    The words have no markup, and control characters in them are shown as escapes.
+
+    Args:
+        words: What is printed; anything but a string is converted by `str`.
+        style: Style of the whole text in the terms of rich, such as "bold red".
+    """
+    return Text(without_controls(str(words)), style)
+
+
+def open_console(pipe: int = _PIPE) -> Console:
+    """Return the console of standard output; in a pipe it has `pipe` columns."""
     console = Console()
     if console.is_terminal:
         return console
-    return Console(width=_PIPE)
+    return Console(width=pipe)
+
+
+class _WordsTable(Table):
+    """A table whose cells are words, not markup."""
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """Add a row; strings become cells by `text_of`.
+
+        Args:
+            cells: The cells; what is no string is added unchanged.
+            options: See `rich.table.Table.add_row`.
+        """
+        texts = [text_of(cell) if isinstance(cell, str) else cell for cell in cells]
+        super().add_row(*texts, **options)
 
 
 def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
@@ -35,7 +69,7 @@ def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
     columns = [Column(heading, overflow="fold", justify="left") for heading in texts]
     for heading in numbers:
         columns.append(Column(heading, overflow="fold", justify="right"))
-    return Table(*columns, box=None, pad_edge=False)
+    return _WordsTable(*columns, box=None, pad_edge=False)
 
 
 def fit_table(table: Table, width: int, fewest: int = NARROW) -> Table:
@@ -55,7 +89,7 @@ def fit_table(table: Table, width: int, fewest: int = NARROW) -> Table:
     for row in zip(*(column.cells for column in table.columns), strict=True):
         filled = []
         for heading, cell in zip(headings, row, strict=True):
-            if cell != "":
+            if str(cell) != "":
                 # A padding is left out.
                 filled.append((heading, getattr(cell, "renderable", cell)))
         if len(filled) == 1:
@@ -83,7 +117,7 @@ def print_rows(
     if console.width >= WIDE:
         table = new_table(headings)
         for row in rows:
-            table.add_row(*map(Text, row))
+            table.add_row(*row)
         console.print(table)
         return
     for first, *middle, last in rows:
@@ -91,9 +125,9 @@ def print_rows(
         for heading, text in zip(headings[1:], middle, strict=False):
             if text:
                 cells.append(f"{heading} {text}" if named else text)
-        console.print(Text(first, "bold"), Text("  ".join(cells)))
+        console.print(text_of(first, "bold"), text_of("  ".join(cells)))
         if last:
-            console.print(Padding(Text(last), (0, 0, 0, 2)))
+            console.print(Padding(text_of(last), (0, 0, 0, 2)))
 
 
 def print_sentence(console: Console, sentence: str) -> None:
@@ -106,6 +140,6 @@ def print_sentence(console: Console, sentence: str) -> None:
     if console.is_terminal:
         width = console.width - 2
     indent = Text("")
-    for line in Text(sentence).wrap(console, width):
+    for line in text_of(sentence).wrap(console, width):
         console.print(indent + line, soft_wrap=True)
         indent = Text("  ")

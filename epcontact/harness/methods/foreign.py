@@ -63,7 +63,7 @@ from typing import Any
 import numpy as np
 
 from epcontact import results
-from epcontact.errors import InvalidCase, NotConverged, sentence_of
+from epcontact.errors import InvalidCase, NotConverged, sentence_of, without_controls
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.machine import describe_death
@@ -442,7 +442,7 @@ def answer_of_command(words: Sequence[str], scene: Scene) -> ContactResult:
         seconds = time.perf_counter() - started
         stderr = done.stderr.decode(errors="replace")
         with contextlib.suppress(OSError):  # a full or closed stderr is no error
-            sys.stderr.write(stderr)
+            sys.stderr.write(without_controls(stderr))
         if done.returncode:
             lines = stderr.strip().splitlines()
             last = f"; it said: {lines[-1]}" if lines else ""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from epcontact.errors import without_controls
 from epcontact.files import atomic_write
 from epcontact.output.charts.style import SETTINGS
 
@@ -93,7 +94,7 @@ class Chart:
             Path(f"{stem}.png"): self.png(),
             Path(f"{stem}.svg"): self.svg(),
             Path(f"{stem}.csv"): self.csv().encode(),
-            Path(f"{stem}.txt"): f"{self.caption}\n".encode(),
+            Path(f"{stem}.txt"): f"{without_controls(self.caption)}\n".encode(),
         }
         with contextlib.ExitStack() as stack:
             # All four are on the disk before the first one is renamed.

@@ -22,6 +22,7 @@ from epcontact.output.charts.style import (
     FLATTENED,
     STATE_COLOURS,
     STATE_NAMES,
+    label_text,
     typeset,
     unit_for,
 )
@@ -262,9 +263,9 @@ def pressure_difference(
         look = {"cmap": style.DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
         image = show_field(right, difference / scale, spacing, **look)
         figure.colorbar(image, ax=right, shrink=0.82, label=f"difference ({unit})")
-        left.set_title(names[0])
-        middle.set_title(names[1])
-        right.set_title(f"{names[0]} minus {names[1]}")
+        left.set_title(label_text(names[0]))
+        middle.set_title(label_text(names[1]))
+        right.set_title(label_text(f"{names[0]} minus {names[1]}"))
     rows = [
         ("largest_pressure_Pa", largest),
         ("largest_difference_Pa", largest_difference),

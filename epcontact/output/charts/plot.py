@@ -22,6 +22,7 @@ from epcontact.output.charts.style import (
     DASHES,
     MARKERS,
     METHOD_COLOURS,
+    label_text,
     typeset,
 )
 from epcontact.results import FloatArray
@@ -342,7 +343,7 @@ def _draw_series(
         drawn &= one.y > 0
     x_scale, y_scale = plot.scale
     x = one.x[drawn] / x_scale
-    label = typeset(plot.labels.get(one.name, label))
+    label = typeset(label_text(plot.labels.get(one.name, label)))
     move = ScaledTranslation(shift / 72, 0, axes.figure.dpi_scale_trans)
     (line,) = axes.plot(x, one.y[drawn] / y_scale, label=label, **look)
     line.set_transform(axes.transData + move)

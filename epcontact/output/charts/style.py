@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from epcontact.errors import without_controls
 from epcontact.results import APART, ELASTIC, PLASTIC
 
 #: A point without contact that an earlier, larger load has flattened.  Results do not
@@ -112,6 +113,15 @@ _SYMBOLS = (
     (r"\bnu(?= = )", r"$\nu$", "ν"),
     (r"(?<=\de-)0", "", ""),  # 1e-08
 )
+
+
+def label_text(words: str) -> str:
+    """Return words as matplotlib shows them unchanged: without mathtext and controls.
+
+    Names of methods, surfaces and points of a sweep pass through this function, because
+    they may hold the name of a file: a "$" in it would begin a formula.
+    """
+    return without_controls(words).replace("$", r"\$")
 
 
 def typeset(text: str, *, mathtext: bool = True) -> str:
