@@ -36,7 +36,7 @@ TOKENS = {
     "epcontact.errors": 410,
     "epcontact.files": 859,
     "epcontact.harness": 37_300,
-    "epcontact.interface": 2_698,
+    "epcontact.interface": 3_899,
     "epcontact.machine": 1_236,
     "epcontact.materials": 1_664,
     "epcontact.output": 15_163,

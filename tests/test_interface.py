@@ -274,6 +274,28 @@ def test_a_punch_on_the_papers_surface_takes_twenty_transform_pairs():
         assert solve_punch(scene, mask).pairs <= 21
 
 
+def test_a_punch_on_a_large_grid_is_as_exact_as_its_error_estimate_needs(monkeypatch):
+    """A punch as on a large grid takes a third of the transform pairs, and its sinking
+    is right to 1e-5; the limit of the stiffness to a hundredth of its error estimate.
+
+    The rough surface with less than half of its points in contact counts as large here.
+    On more than half of the points, the sinking stays exact.
+    """
+    scene = Scene(ROUGH, Material(1.0, 0.3), Load(0.005))
+    result = bem.solve(scene, threads=1)
+    masks = [result.fields["state"] != APART, ROUGH.heights > ROUGH.heights.min()]
+    exact = [solve_punch(scene, mask) for mask in masks]
+    exact_limit = interface_stiffness(scene, result, "unloading")
+    monkeypatch.setattr(punch, "_LARGE", 1)
+    fast, unchanged = (solve_punch(scene, mask, threads=2) for mask in masks)
+    assert fast.pairs < exact[0].pairs / 2.5
+    assert 0 < fast.sinking / exact[0].sinking - 1 < 1e-5
+    assert unchanged.sinking == exact[1].sinking
+    limit = interface_stiffness(scene, result, "unloading")
+    difference = limit.corrected - exact_limit.corrected
+    assert abs(difference) < exact_limit.error / 100
+
+
 @pytest.mark.parametrize("body", [Body(), Body("bonded_layer", 0.003)])
 def test_a_punch_around_one_open_point_sinks_as_in_closed_form(body):
     """A punch with one open point sinks by the inverse of the sum of the stiffness of

@@ -1,36 +1,42 @@
 """Connected patches of a periodic mask, and the area fraction that percolates.
 
-A patch percolates if it connects with its own periodic image.  Points join their
-patches one by one (Newman and Ziff, Phys. Rev. E 64, 016706 (2001)).  Each patch is a
-tree: every point has a parent in its patch, and the parents lead to the root.  With its
-parent a point keeps the displacement to it, counted in points without the period.
-
-If a neighbour has the same root, there are two ways from the point to the root: its own
-one, and the step to the neighbour with the neighbour's way.  Their displacements are
-equal, unless the patch meets its own periodic image (Machta et al., Phys. Rev. E 54,
-1332 (1996)).
-
-A displacement of x rows and y columns is kept as one number, x ROW + y, so that
-displacements add and compare as numbers do.
+A patch percolates if it connects with its own periodic image (`runs`).  The points that
+are closest join first.  Nearly all of them join at once, as runs, up to a guess of the
+fraction at which a patch percolates; only the few points near this fraction are sorted
+and join one by one.  The fractions of coarser grids give the guess.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.workers import compiled
 from epcontact.interface.limit import Limit
+from epcontact.interface.runs import (
+    add_points,
+    find_roots,
+    join,
+    label_points,
+    runs_above,
+)
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: The number of a displacement by one row.  Displacements in columns are far smaller.
-ROW = 1 << 32
+# The fraction of every so many points along each direction gives the first guess.
+_COARSE = 8
+# The fractions of this coarse grid and of every second point differ by less than this
+# on most surfaces.  A wider interval costs more points that join one by one.
+_COARSE_MARGIN = 0.02
+# The same for every second point and all points, and for sides and corners.
+_MARGIN = 0.004
+# Values from which the cut of a fraction is estimated.  It is then off by a quarter of
+# _MARGIN, which costs time only.
+_SAMPLE = 1 << 17
 
 
 class Patches(NamedTuple):
@@ -74,12 +80,12 @@ def number_patches(mask: Mask, diagonals: bool = False) -> tuple[Indices, bool]:
         The numbers, counted from 0, of the points in the order of `mask.nonzero()`; and
         True if a patch percolates.
     """
-    points = np.flatnonzero(mask)
-    count, parent, offset = _join(points, mask.shape, diagonals, stop=False)
-    roots = find_roots(points, parent, offset)
-    is_root = parent == np.arange(mask.size)
-    number_of_root = np.cumsum(is_root) - 1
-    return number_of_root[roots], count > 0
+    values = np.atleast_2d(mask).astype(np.float64)
+    runs = runs_above(values, 0.5, math.inf)
+    forest, spans = join(runs, values.shape[1], diagonals, line=mask.ndim == 1)
+    roots = find_roots(*forest, runs.starts.size)
+    _, number_of_run = np.unique(roots, return_inverse=True)
+    return np.repeat(number_of_run, runs.ends - runs.starts), spans
 
 
 def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
@@ -105,185 +111,98 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
         >>> percolation_fraction(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]])).raw
         0.5
     """
-    order = np.argsort(-closeness, axis=None, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(order.size)
-    rank = rank.reshape(closeness.shape)
-    by_sides, by_corners = _spanning_fractions(rank)
-    limit = (by_sides + by_corners) / 2
+    values = np.ascontiguousarray(closeness, dtype=np.float64)
+    coarse = values[(slice(None, None, _COARSE),) * values.ndim]
+    guess = _spanning_fraction(coarse, False, 0.5, 0.5)
+    margin = _COARSE_MARGIN
+    by_sides = []
+    by_corners = []
     every_second = (slice(0, None, 2), slice(1, None, 2))
-    differences = []
-    for points in itertools.product(every_second, repeat=closeness.ndim):
-        coarse = _spanning_fractions(rank[points])
-        differences.append(sum(coarse) / 2 - limit)
+    for points in itertools.product(every_second, repeat=values.ndim):
+        grid = np.ascontiguousarray(values[points])
+        guess = _spanning_fraction(grid, False, guess, margin)
+        margin = _MARGIN
+        by_sides.append(guess)
+        by_corners.append(_spanning_fraction(grid, True, guess, margin))
+    sides = _spanning_fraction(values, False, guess, margin)
+    corners = _spanning_fraction(values, True, sides, margin)
+    limit = (sides + corners) / 2
+    differences = (np.array(by_sides) + by_corners) / 2 - limit
     scatter = math.sqrt(np.mean(np.square(differences)))
-    error = math.hypot((by_sides - by_corners) / 2, scatter)
-    return Limit(limit, by_sides, error)
+    error = math.hypot((sides - corners) / 2, scatter)
+    return Limit(limit, sides, error)
 
 
-def _spanning_fractions(rank: Indices) -> tuple[float, float]:
-    """Return the fractions of the points of a grid at which a patch first percolates.
+def _spanning_fraction(
+    closeness: NDArray[np.float64], diagonals: bool, guess: float, margin: float
+) -> float:
+    """Return the fraction of the points, closest first, at which a patch percolates.
 
-    The points of the periodic grid are added one by one, and a patch percolates as soon
-    as it connects with its own periodic image.
-
-    Args:
-        rank: (nx, ny) or (nx,), different integers; points of smaller rank are added
-            earlier.
-
-    Returns:
-        The fraction if points connect over their sides only, and the fraction if they
-        connect over their corners as well.
-    """
-    order = np.argsort(rank, axis=None)
-    by_sides = _join(order, rank.shape, diagonals=False, stop=True)[0]
-    by_corners = _join(order, rank.shape, diagonals=True, stop=True)[0]
-    return by_sides / order.size, by_corners / order.size
-
-
-def _join(
-    order: Indices, shape: tuple[int, ...], diagonals: bool, stop: bool
-) -> tuple[int, NDArray[Any], NDArray[np.int64]]:
-    """Join the points of an empty periodic grid to connected patches.
-
-    Each patch is a tree: every point has a parent, and the parents lead to the root.
+    The result does not depend on the guess, but the time does.
 
     Args:
-        order: the flat indices of the points, in the order in which they join.
-        shape: the grid, (nx, ny) or (nx,).
+        closeness: (nx, ny) or (nx,); of equal values the one with the smaller index
+            joins first.
         diagonals: True if points also connect over their corners.
-        stop: True to end as soon as a patch percolates.
-
-    Returns:
-        How many points had joined when a patch first percolated, or 0; the flat index
-        of the parent of each point of the grid, -1 where no point has joined; and the
-        displacement to the parent as one number, rows times ROW plus columns.
+        guess: the expected result.
+        margin: how far the guess may be off.
     """
-    size = math.prod(shape)
-    integer = np.int32 if size < 2**31 else np.int64
-    parent = np.full(size, -1, dtype=integer)
-    offset = np.zeros(size, dtype=np.int64)
-    rows = size // shape[-1]
-    steps = _steps_to_neighbours(len(shape), diagonals)
-    count = join_points(order, (rows, shape[-1]), steps, parent, offset, stop)
-    return count, parent, offset
+    line = closeness.ndim == 1
+    values = np.ascontiguousarray(np.atleast_2d(closeness))
+    stride = max(1, values.size // _SAMPLE) | 1  # odd: it meets all columns of the grid
+    sample = np.sort(values.reshape(-1)[::stride])
+    low = guess - margin
+    high = guess + margin
+    while True:
+        runs = runs_above(values, _cut(sample, low), _cut(sample, high))
+        forest, spans = join(runs, values.shape[1], diagonals, line)
+        if spans:
+            high = low
+            low -= 4 * margin
+            margin *= 4
+            continue
+        order = runs.below[np.argsort(-values.flat[runs.below], kind="stable")]
+        label = np.full(values.shape, -1, dtype=np.int32)
+        label_points(runs.starts, runs.ends, runs.first, label)
+        steps = _steps_to_neighbours(line, diagonals)
+        count = add_points(order, steps, label, runs.starts.size, *forest)
+        if count:
+            return float((runs.points + count) / values.size)
+        low = high
+        high += 4 * margin
+        margin *= 4
 
 
-def _steps_to_neighbours(dimensions: int, diagonals: bool) -> Indices:
+def _cut(sample: NDArray[np.float64], fraction: float) -> float:
+    """Return the value above which about a fraction of all values is.
+
+    It is infinite for a fraction of 0 or less, and minus infinite for one of 1 or more.
+
+    Args:
+        sample: (n,) some of the values in rising order.
+        fraction: the fraction.
+    """
+    above = round(fraction * sample.size)
+    if above <= 0:
+        return math.inf
+    if above >= sample.size:
+        return -math.inf
+    return float(sample[-above - 1])
+
+
+def _steps_to_neighbours(line: bool, diagonals: bool) -> Indices:
     """Return the steps from a grid point to its neighbours, shape (steps, 2).
 
     A step is the number of rows and the number of columns: -1, 0 or 1.
 
     Args:
-        dimensions: 2 for a surface, 1 for a line, whose points have neighbours along
-            the second axis only.
+        line: True if the grid is a line, whose points have neighbours along the second
+            axis only.
         diagonals: True if the four neighbours over the corners count, too.
     """
-    steps = np.argwhere(np.ones((3,) * dimensions)) - 1
+    steps: Indices = np.argwhere(np.ones((3, 3))) - 1
     distance = np.abs(steps).sum(axis=1)
-    farthest = dimensions if diagonals else 1
-    steps = steps[(distance > 0) & (distance <= farthest)]
-    return np.pad(steps, [(0, 0), (2 - dimensions, 0)])
-
-
-@compiled
-def periodic_index(index: int, size: int) -> int:
-    """Return an index along a periodic axis as one between 0 and size - 1.
-
-    The index must be from -1 to size, at most one point beyond an end of the axis.
-    """
-    if index < 0:
-        return index + size
-    if index >= size:
-        return index - size
-    return index
-
-
-@compiled
-def find_root(parent: Any, offset: Any, point: int) -> tuple[int, int]:
-    """Return the root of the tree of a point, and the displacement from point to root.
-
-    The points on the way are attached to the parents of their parents, in place, so
-    that later searches are shorter.
-
-    Args:
-        parent: (points,) the flat index of the parent of each point; a root is its own.
-        offset: (points,) the displacement to the parent, rows times ROW plus columns.
-        point: the flat index of the point.
-
-    Returns:
-        The flat index of the root, and the displacement as one number like `offset`.
-    """
-    displacement = 0
-    while parent[point] != point:
-        above = parent[point]
-        parent[point] = parent[above]
-        offset[point] += offset[above]
-        displacement += offset[point]
-        point = parent[point]
-    return point, displacement
-
-
-@compiled
-def find_roots(points: Any, parent: Any, offset: Any) -> Any:
-    """Return the flat index of the root of the tree of each listed point.
-
-    Args:
-        points: (n,) flat indices of the points.
-        parent: (grid points,) the flat index of each parent; changed in place.
-        offset: (grid points,) the displacement to the parent; changed in place.
-    """
-    roots = np.empty_like(points)
-    for k in range(points.size):
-        roots[k] = find_root(parent, offset, points[k])[0]
-    return roots
-
-
-@compiled
-def join_points(
-    order: Any,
-    shape: tuple[int, int],
-    steps: Any,
-    parent: Any,
-    offset: Any,
-    stop: bool,
-) -> int:
-    """Join points of a periodic grid to connected patches, one by one.
-
-    Args:
-        order: (n,) flat indices of the points, in the order in which they join.
-        shape: the numbers of rows and columns of the grid.
-        steps: (steps, 2) rows and columns from a point to each of its neighbours.
-        parent: (grid points,) flat index of the parent of each point, -1 for points
-            that have not joined; changed in place.
-        offset: (grid points,) displacement to the parent, rows times ROW plus columns;
-            changed in place.
-        stop: True to end as soon as a patch percolates.
-
-    Returns:
-        How many points had joined when a patch first percolated; 0 if none did.
-    """
-    rows, columns = shape
-    spanning = 0
-    for count in range(order.size):
-        point = order[count]
-        parent[point] = point
-        row = point // columns
-        column = point - row * columns
-        for k in range(steps.shape[0]):
-            i = periodic_index(row + steps[k, 0], rows)
-            j = periodic_index(column + steps[k, 1], columns)
-            neighbour = i * columns + j
-            if parent[neighbour] < 0:
-                continue
-            root, to_root = find_root(parent, offset, point)
-            other, to_other = find_root(parent, offset, neighbour)
-            between = ROW * steps[k, 0] + steps[k, 1] + to_other - to_root
-            if root != other:
-                parent[root] = other
-                offset[root] = between
-            elif between != 0 and spanning == 0:
-                spanning = count + 1
-        if stop and spanning > 0:
-            break
-    return spanning
+    keep = (distance > 0) & (distance <= 1 + diagonals)
+    if line:
+        keep &= steps[:, 0] == 0
+    return np.asarray(steps[keep])

@@ -122,18 +122,21 @@ class MeasuredPunch(NamedTuple):
     beside_plastic: bool
 
 
-def measure_punch(scene: Scene, result: ContactResult, mask: Mask) -> MeasuredPunch:
+def measure_punch(
+    scene: Scene, result: ContactResult, mask: Mask, threads: int = 1
+) -> MeasuredPunch:
     """Return how far a flat punch on a mask sinks, and measures of its boundary.
 
     Args:
         scene: the scene that was solved.
         result: its solution with the field `state`, and with corrected areas.
         mask: True at the points that carry; at least one, but not all.
+        threads: the number of threads; the result is the same with any.
 
     Raises:
         NotConverged: the linear solve did not converge.
     """
-    punch = solve_punch(scene, mask)
+    punch = solve_punch(scene, mask, threads)
     pressure = punch.pressure.reshape(-1)
     contact_pressure = np.ravel(result.fields.get("pressure", 0 * pressure))
     contact_pressure = contact_pressure / result.final.mean_pressure

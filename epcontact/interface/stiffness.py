@@ -42,13 +42,16 @@ from epcontact.scene import Scene
 Branch = Literal["loading", "unloading"]
 
 
-def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> Limit:
+def interface_stiffness(
+    scene: Scene, result: ContactResult, branch: Branch, threads: int = 1
+) -> Limit:
     """Return the stiffness of the interface at the last load, per nominal area.
 
     Args:
         scene: the scene that was solved.
         result: its solution with the field `state`, and with corrected areas.
         branch: "loading" if the load grows next, "unloading" if it falls next.
+        threads: the number of threads; the result is the same with any.
 
     Returns:
         d(mean pressure)/d(approach of the mean planes) in Pa/m, without the uniform
@@ -76,7 +79,7 @@ def interface_stiffness(scene: Scene, result: ContactResult, branch: Branch) -> 
         return Limit(0.0, 0.0, 0.0)
     if mask.all():
         return Limit(math.inf, math.inf, 0.0)
-    limit = stiffness_limit(measure_punch(scene, result, mask))
+    limit = stiffness_limit(measure_punch(scene, result, mask, threads))
     return limit.times(effective_modulus(scene.material))
 
 

@@ -193,6 +193,13 @@ def _limit(unit: str) -> Callable[[Limit], Limit]:
     return add
 
 
+def _stiffness(solved: SolvedScene, branch: interface.Branch) -> interface.Limit:
+    """Return the stiffness in Pa/m of one branch, "loading" or "unloading"."""
+    return interface.interface_stiffness(
+        solved.scene, solved.result, branch, solved.threads
+    )
+
+
 @_limit("Pa/m")
 def stiffness_loading(solved: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load grows next."""
@@ -202,13 +209,13 @@ def stiffness_loading(solved: SolvedScene) -> interface.Limit:
     if not (solved.field("state") == PLASTIC).any():
         # Elastic contact is as stiff while the load grows as while it falls.
         return solved.once(stiffness_unloading)
-    return interface.interface_stiffness(solved.scene, solved.result, "loading")
+    return _stiffness(solved, "loading")
 
 
 @_limit("Pa/m")
 def stiffness_unloading(solved: SolvedScene) -> interface.Limit:
     """d(mean pressure)/d(approach of the mean planes) if the load falls next."""
-    return interface.interface_stiffness(solved.scene, solved.result, "unloading")
+    return _stiffness(solved, "unloading")
 
 
 @_limit("1/m")
@@ -258,14 +265,18 @@ def _closeness(solved: SolvedScene) -> Any:
     hardness all pressures are equal, and the points that have flowed furthest are
     closest.
     """
-    pressure, gap = solved.pressure, solved.field("gap")
+    pressure = solved.pressure
+    gap = solved.field("gap")
     height = np.ptp(solved.scene.surface.heights) or solved.height_scale
-    if "plastic_displacement" in solved.result.fields and not solved.flows:
-        lowered = solved.field("plastic_displacement")
-        gap = gap + np.where(solved.at_the_cap, 0.0, lowered)
-    by_gap = (pressure <= 0) | (solved.at_the_cap & (not solved.flows))
-    largest = pressure.max() or 1.0
-    return pressure / largest - np.where(by_gap, gap / height, 0.0)
+    by_gap = pressure <= 0
+    if not solved.flows:
+        at_the_cap = solved.at_the_cap
+        if "plastic_displacement" in solved.result.fields:
+            lowered = solved.field("plastic_displacement")
+            gap = np.add(gap, lowered, out=gap.copy(), where=~at_the_cap)
+        by_gap |= at_the_cap
+    closeness = pressure / (pressure.max() or 1.0)
+    return np.subtract(closeness, gap / height, out=closeness, where=by_gap)
 
 
 @_limit("–")
@@ -273,7 +284,7 @@ def contact_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the closest points first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(_closeness(solved))
+    return interface.percolation_fraction(solved.once(_closeness))
 
 
 @_limit("–")
@@ -281,4 +292,4 @@ def gap_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the widest gaps first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(-_closeness(solved))
+    return interface.percolation_fraction(-solved.once(_closeness))

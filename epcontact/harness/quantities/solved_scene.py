@@ -29,10 +29,13 @@ class SolvedScene:
     Attributes:
         scene: the scene, whose load path ends at the load of the fields.
         result: the result of a method for this scene.
+        threads: the number of threads that a measurement may use; no value depends on
+            it.
     """
 
     scene: Scene
     result: ContactResult
+    threads: int = 1
 
     @cached_property
     def _computed(self) -> dict[Any, Any]:

@@ -299,7 +299,7 @@ def _solve_part(
         options["progress"] = on_progress
     if method.source:
         options["limit"] = task.case.head.time_limit
-    observer = _LoadObserver(task, scene, earlier)
+    observer = _LoadObserver(task, scene, threads, earlier)
     on_load = observer if observer.is_needed else None
     result = method.solve(scene, options, threads, on_load)
     if not result.converged:
@@ -314,12 +314,14 @@ class _LoadObserver:
     Attributes:
         task: says what is measured and written.
         scene: the scene that is solved, with the loads of this solve.
+        threads: the number of threads that a measurement may use.
         earlier: the load steps of the path before this solve.
         steps: the steps with what was measured, one for each call.
     """
 
     task: Task
     scene: Scene
+    threads: int
     earlier: tuple[LoadStep, ...]
     steps: list[LoadStep] = field(default_factory=list)
 
@@ -344,7 +346,7 @@ class _LoadObserver:
         """
         loads = self.scene.load.path[: len(result.steps)]
         scene = replace(self.scene, load=Load(loads))
-        step = measure_load(self.task, scene, result)
+        step = measure_load(self.task, scene, result, self.threads)
         self.steps.append(step)
         result = replace(result, steps=(*self.earlier, *result.steps[:-1], step))
         if self.task.steps_folder and self.task.method.load_files == "fields":

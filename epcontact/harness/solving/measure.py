@@ -97,19 +97,22 @@ def _is_check(name: str) -> bool:
     return ".measured_" in name
 
 
-def measure_load(task: Task, scene: Scene, result: ContactResult) -> LoadStep:
+def measure_load(
+    task: Task, scene: Scene, result: ContactResult, threads: int = 1
+) -> LoadStep:
     """Return the last step of a result with what is measured at each load.
 
     Args:
         task: says what is measured.
         scene: the scene, with a load path that ends at this load.
         result: has the fields of this load.
+        threads: the number of threads that a measurement may use.
 
     Raises:
         InvalidCase: if a check is undefined.
     """
     measurements = list(at_each_load(task, scene))
-    solved = SolvedScene(scene, result)
+    solved = SolvedScene(scene, result, threads)
     quantities = dict(result.final.quantities)
     for measurement in measurements:
         try:
@@ -123,18 +126,21 @@ def measure_load(task: Task, scene: Scene, result: ContactResult) -> LoadStep:
     return step
 
 
-def measure_end(task: Task, scene: Scene, result: ContactResult) -> ContactResult:
+def measure_end(
+    task: Task, scene: Scene, result: ContactResult, threads: int = 1
+) -> ContactResult:
     """Return a result whose last step has everything that gates and sweeps read.
 
     Args:
         task: says what is measured.
         scene: the scene of the task, with its complete load path.
         result: the result of the complete path, with the fields of the last load.
+        threads: the number of threads that a measurement may use.
 
     Raises:
         InvalidCase: if a quantity that a gate reads is undefined.
     """
-    solved = SolvedScene(scene, result)
+    solved = SolvedScene(scene, result, threads)
     quantities = dict(result.final.quantities)
     notes = list(result.notes)
     for measurement in at_the_end(task):

@@ -300,7 +300,7 @@ def solve_task(
             scene = task.case.scene(task.recipe)
             result = solve_path(task, scene, threads, on_progress)
         result = with_description(task, scene, result)
-        result = measure_end(task, scene, result)
+        result = measure_end(task, scene, result, threads)
         if task.fields_file is not None and result.fields:
             write_result_fields(task, scene, result, task.fields_file)
         return replace(result, fields={})
