@@ -209,7 +209,7 @@ def connect(parent: Any, winding: Any, node: int, neighbour: int, step: int) -> 
 
 
 @compiled
-def join_runs(
+def join_runs(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one by one
     starts: Any,
     ends: Any,
     first: Any,
