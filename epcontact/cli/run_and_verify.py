@@ -32,7 +32,7 @@ from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.files import delete_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
-from epcontact.harness.verdict.overview import overview, references
+from epcontact.harness.verdict.overview import cases_by_subject, overview
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.output.charts.figures import Pictures
 from epcontact.surfaces import HeightsFromFile, Mirrored
@@ -156,9 +156,10 @@ def verify(
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
-    Prints a line for each case with its tightest gate: the margin is the band over the
-    difference with its interval, and 1 or more holds.  Of a case that does not hold,
-    every gate follows.
+    Prints whether all gates hold, the gates nearest to falling short, how well the
+    methods agree, what is not covered, and the cases by what they verify.  The margin
+    of a gate is its band over the difference with its interval; 1 or more holds.  Of a
+    case that does not hold, every gate follows.
 
     Writes verdict.json and junit.xml into the output folder, after those of an earlier
     run are deleted.
@@ -231,6 +232,8 @@ def _load_auto(names: Sequence[str]) -> list[Case]:
     return [_load(text, "auto") for text in texts or cases_to_verify("fast")]
 
 
+#: The most cases that have a line each; more are counted by what they verify.
+_MOST_CASES = 20
 #: The words for several cases of a status, where they differ from those for one.
 _PLURAL = {"holds": "hold", "falls short": "fall short", "error": "errors"}
 
@@ -244,29 +247,29 @@ def _print_verdict(
         verdict: The verdict.
         output: The folder with its verdict.json.
         all_gates: Whether the gates of all cases are printed; else those of the cases
-            that do not hold, below a table of all cases.
+            that do not hold, below a table of the cases or of what they verify.
         with_report: Whether the report was written, so that no command for it is named.
     """
     console = open_console()
+    tables.print_summary(console, verdict)
+    by_subject = cases_by_subject(verdict)
+    ordered = [case for cases in by_subject.values() for case in cases]
     if all_gates:
         in_detail = list(verdict.cases)
     else:
-        console.print(tables.cases_table(verdict.cases, console.width))
-        in_detail = [c for c in verdict.cases if c.gates and c.status != "holds"]
+        in_detail = [case for case in ordered if case.gates and case.status != "holds"]
+        table = tables.cases_table(ordered, console.width)
+        if len(ordered) > _MOST_CASES:
+            table = tables.subjects_table(verdict, console.width)
+        console.print()
+        console.print(table)
     if in_detail:
+        console.print()
         console.print(tables.verdict_table(in_detail, console.width))
     with_loads = all_gates or len(verdict.cases) == 1
     for case in verdict.cases:
         _print_case(console, case, with_loads)
-    print_sentence(console, references(verdict))
     print_sentence(console, f"{_counts(verdict)}; verdict in {output / 'verdict.json'}")
-    left_out = sum(len(case.not_judged) for case in verdict.cases)
-    if left_out:
-        gates = "1 gate is" if left_out == 1 else f"{left_out} gates are"
-        print_sentence(
-            console,
-            f"{gates} left out at this size; verdict.json says which and why",
-        )
     steps = []
     if not all_gates:
         steps.append("--gates prints each gate")

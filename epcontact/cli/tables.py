@@ -19,9 +19,19 @@ from epcontact.cli.terminal import (
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.solving.method_results import MethodResults, load_rows
-from epcontact.harness.verdict.judgement import CaseVerdict, tightest
-from epcontact.harness.verdict.overview import margin_text
-from epcontact.output.loads import Row, load_cells
+from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, tightest
+from epcontact.harness.verdict.overview import (
+    agreement,
+    cases_by_subject,
+    evidence,
+    gate_words,
+    headline,
+    margin_text,
+    skipped_cases,
+    tightest_gates,
+    uncovered_sentence,
+)
+from epcontact.output.loads import Row, difference_text, load_cells
 from epcontact.results import COLUMNS
 
 #: The style of each status of a case or gate.
@@ -87,6 +97,102 @@ def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Ta
         if method.results:
             loads[name] = (load_rows(method.results), str(len(method.results)))
     return loads_table(loads, "method", width)
+
+
+def print_summary(console: Console, verdict: Verdict) -> None:
+    """Print what a person reads first of a verdict.
+
+    This is: whether it holds, the gates nearest to falling short, how well methods
+    agree, and what is not covered.  `epcontact/harness/verdict/overview.py` says what
+    each of them is; the first screen of the report has the same content.
+    """
+    style = STYLES["holds" if verdict.passed else "falls short"]
+    console.print(text_of(headline(verdict), f"bold {style}"))
+    if evidence(verdict):
+        print_sentence(console, evidence(verdict))
+    if any(case.gates for case in verdict.cases):
+        console.print()
+        console.print(_tightest_table(verdict, console.width))
+        print_sentence(
+            console,
+            "margin: the band over the difference with its 95 % interval; 1 or more "
+            "holds",
+        )
+    table = _agreement_table(verdict, console.width)
+    if table.row_count:
+        console.print()
+        console.print(table)
+    if uncovered_sentence(verdict):
+        console.print()
+        print_sentence(console, f"not covered: {uncovered_sentence(verdict)}")
+    for reason, names in skipped_cases(verdict).items():
+        print_sentence(console, f"  skipped: {', '.join(names)}: {reason}")
+
+
+def _tightest_table(verdict: Verdict, width: int) -> Table:
+    """Return the table of the gates nearest to falling short.
+
+    A terminal of fewer than `_BESIDE_REQUIREMENT` columns gets no differences and
+    bands.  `width` is the number of columns of the terminal.
+    """
+    is_wide = width >= _BESIDE_REQUIREMENT
+    table = new_table(("least margin in", "gate"), ("margin",))
+    if is_wide:
+        for heading in ("difference ± 95 %", "band"):
+            table.add_column(heading, no_wrap=True, justify="right")
+    for case, gate in tightest_gates(verdict):
+        row: list[str | Text] = [case.id, gate_words(gate), margin_text(gate)]
+        if is_wide:
+            row += _gate_row(gate)[5:7]
+        table.add_row(*row)
+    return fit_table(table, width)
+
+
+def _agreement_table(verdict: Verdict, width: int) -> Table:
+    """Return the table of how well methods agree, a row for each pair and quantity.
+
+    `width` is the number of columns of the terminal.
+    """
+    is_wide = width >= _BESIDE_REQUIREMENT
+    headings = ("gates", "median", "largest difference")
+    table = new_table(
+        ("agreement of", "on") if is_wide else ("agreement of",), headings
+    )
+    table.add_column("in case", overflow="fold")
+    pair = ""
+    for row in agreement(verdict):
+        name = "" if row.pair == pair else row.pair
+        pair = row.pair
+        cells = [row.quantity, str(row.gates)]
+        cells += [difference_text(row.median), difference_text(row.largest), row.case]
+        if is_wide:
+            table.add_row(name, *cells)
+            continue
+        if name:
+            table.add_row(name)
+        table.add_row(Padding(cells[0], (0, 0, 0, 2)), *cells[1:])
+    return fit_table(table, width)
+
+
+def subjects_table(verdict: Verdict, width: int) -> Table:
+    """Return a table of what the cases of a verdict verify, a row for each subject.
+
+    `width` is the number of columns of the terminal.
+    """
+    table = new_table(("cases that verify",), ("cases", "hold", "gates", "margin"))
+    table.add_column("least in case", overflow="fold")
+    for subject, cases in cases_by_subject(verdict).items():
+        gates = [(case.id, gate) for case in cases for gate in case.gates]
+        nearest = tightest(gate for _, gate in gates)
+        margin = ""
+        case_id = ""
+        if nearest is not None:
+            margin = margin_text(nearest)
+            case_id = next(name for name, gate in gates if gate is nearest)
+        held = sum(case.status == "holds" for case in cases)
+        counts = map(str, (len(cases), held, len(gates)))
+        table.add_row(subject, *counts, margin, case_id)
+    return fit_table(table, width)
 
 
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
@@ -250,13 +356,11 @@ def print_surface_notes(
 
 
 def print_shortfalls(console: Console, case: CaseVerdict) -> None:
-    """Print the reasons why a case was skipped or does not hold.
+    """Print the reasons why a case does not hold.
 
-    These are the reason for skipping it, each gate that does not hold, and each error
-    of a solve that no gate reports; gates with the same error are printed once.
+    These are each gate that does not hold, and each error of a solve that no gate
+    reports; gates with the same error are printed once.
     """
-    if case.skipped_because:
-        print_sentence(console, f"{case.id}: {case.skipped_because}")
     printed = set()
     for gate in case.gates:
         reason = gate.error or gate.name

@@ -14,6 +14,8 @@ from typing import Any
 from epcontact.output.charts.style import unit_for
 from epcontact.results import COLUMNS
 
+#: Relative differences below this are those of rounding, and are shown without digits.
+_ROUNDING = 1e-6
 #: A row of a load, see `epcontact.harness.solving.method_results.load_rows`.
 Row = Mapping[str, Any]
 
@@ -51,6 +53,16 @@ def load_cells(
         parts = [f"{source} {float(part):.2g}" for source, part in sources.items()]
         cells.append([row.get("branch", ""), *texts, ", ".join(parts)])
     return cells
+
+
+def difference_text(difference: float) -> str:
+    """Return an absolute relative difference as text in per cent, with two digits.
+
+    Differences below a millionth are those of rounding and have no digits.
+    """
+    if difference < _ROUNDING:
+        return "< 0.0001 %"
+    return f"{100 * difference:.2g} %"
 
 
 def column_unit(values: Sequence[float], unit: str) -> tuple[float, str]:

@@ -27,14 +27,18 @@ from epcontact.files import (
     write_text,
 )
 from epcontact.output.charts.figures import Pictures
-from epcontact.output.charts.style import unit_for
-from epcontact.output.loads import load_cells
+from epcontact.output.charts.style import CYCLE, unit_for
+from epcontact.output.loads import difference_text, load_cells
 
 Data = Mapping[str, Any]  # the content of a JSON file
 #: Draws the results of a case into its folder.  The arguments are the id of the case,
 #: the content of the JSON file of each method, and the folder.
 Draw = Callable[[str, Mapping[str, Data], Path], Pictures]
 
+#: Side of the picture of areas against their references, in units of its drawing.
+PARITY_SIZE = 300
+#: Relative width of the grey band around the diagonal of that picture, to each side.
+PARITY_BAND = 0.1
 _MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 #: The statuses of cases in the order in which the page counts them.
 _STATUSES = ("holds", "falls short", "error", "skipped")
@@ -128,6 +132,9 @@ def write_report(
         "computed": _scene_rows,
         "sentence": _sentence,
         "notes": _notes,
+        "parity": _parity,
+        "per_cent": _per_cent,
+        "difference": difference_text,
     }
     cases = collections.Counter(case["status"] for case in verdict["cases"])
     counts = [f"{cases[status]} {status}" for status in _STATUSES if cases[status]]
@@ -273,6 +280,75 @@ def _notes(results: Mapping[str, Data]) -> list[str]:
         f"Note by {', '.join(methods)}: {note}."
         for note, methods in methods_by_note.items()
     ]
+
+
+def _per_cent(value: Any, norm: str) -> str:
+    """Return a difference or an end of a band as text with its sign.
+
+    A relative one is in per cent.
+
+    Args:
+        value: the number.
+        norm: the norm of its gate.
+    """
+    number = float(value)
+    if norm == "relative":
+        return f"{100 * number:+.3g}\N{NO-BREAK SPACE}%"
+    return f"{number:+.3g}"
+
+
+def _parity(points: Sequence[Any]) -> dict[str, Any]:
+    """Return the geometry of the picture of areas against their references.
+
+    The axes are logarithmic, from a power of ten to 1, in a square of `PARITY_SIZE`
+    units with y downwards.
+
+    Args:
+        points: areas with `case`, `part`, `pair`, `reference`, `value`, `error`, `low`
+            and `high`, see `harness.verdict.overview.AreaPoint`.
+
+    Returns:
+        A dictionary with the `size` of the square, the `ticks` (text and position), the
+        `shift` from the diagonal to the end of the band of `PARITY_BAND`, the `marks`
+        (for each point its data, its colour, x and y, and the ends of its error and of
+        its band along y), the colours of the `pairs`, and the `parts` that occur.
+    """
+    smallest = min(min(point.reference, point.value) for point in points)
+    decades = max(1, math.ceil(-math.log10(smallest)))
+    size = PARITY_SIZE
+
+    def position(area: float) -> float:
+        """Return the distance of an area from the left or the lower edge."""
+        bounded = min(max(area, 10.0**-decades), 1.0)
+        return size * (1 + math.log10(bounded) / decades)
+
+    pairs = list(dict.fromkeys(point.pair for point in points))
+    colours = {pair: CYCLE[i % len(CYCLE)] for i, pair in enumerate(pairs)}
+    marks = []
+    for point in points:
+        marks.append(
+            {
+                "point": point,
+                "colour": colours[point.pair],
+                "x": position(point.reference),
+                "y": size - position(point.value),
+                "error": [
+                    size - position(point.value - point.error),
+                    size - position(point.value + point.error),
+                ],
+                "band": [size - position(point.low), size - position(point.high)],
+            }
+        )
+    ticks = [(f"{10.0**-k:g}", position(10.0**-k)) for k in range(decades + 1)]
+    shift = size * math.log10(1 + PARITY_BAND) / decades
+    return {
+        "size": size,
+        "ticks": ticks,
+        "shift": shift,
+        "marks": marks,
+        "pairs": colours,
+        "parts": list(dict.fromkeys(point.part for point in points)),
+    }
 
 
 def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:

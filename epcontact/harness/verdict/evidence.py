@@ -16,7 +16,7 @@ from epcontact.harness.gates import Gate
 from epcontact.harness.methods.registry import METHODS
 from epcontact.reference import CLOSED_FORMS
 
-#: The kinds of reference, the last three of which are the work of others.
+#: The kinds of reference; the last three are the work of others.
 KINDS = {
     "identity": "a law that holds for any result, such as the balance of force",
     "closed form": "a formula, evaluated here",
@@ -25,7 +25,6 @@ KINDS = {
     "published": "a value or a law that others published",
     "experiment": "a measurement",
 }
-OF_OTHERS = ("other code", "published", "experiment")
 
 _MODEL, _AFTER, _INPUTS = "J2 flow – pressure cap", "after the load", "inputs"
 #: What can be verified: the inputs, the package's own methods, the theory or the J2

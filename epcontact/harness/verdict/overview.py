@@ -1,24 +1,108 @@
-"""The first screen of the report: what was verified by what evidence, and what was not.
+"""What a person reads first of a verdict: is it right, how right, and where to look.
 
-Gates are counted in a table, here called the matrix.  It has a row for each subject
-(what a gate verifies) and a column for each kind of reference.
+The terminal and the first screen of the report show the same content in the same order:
+the verdict in a sentence, the gates nearest to falling short, how well the methods
+agree with each other and with exact solutions, what is not covered, and the cases by
+what they verify.
+
+On the page, a table counts the gates; it is called the matrix.  The matrix has a row
+for each subject (what a gate verifies) and a column for each kind of reference.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 from epcontact.harness.gates import ERROR, FALLS_SHORT, GateVerdict
+from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.evidence import EXPERIMENTS, KINDS, OF_OTHERS, SUBJECTS
-from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, tightest
+from epcontact.harness.verdict.evidence import EXPERIMENTS, KINDS, SUBJECTS
+from epcontact.harness.verdict.judgement import (
+    SKIPPED,
+    CaseVerdict,
+    Verdict,
+    tightest,
+)
 
 _GateOfCase = tuple[CaseVerdict, GateVerdict]
 #: A margin above this is that of a difference by rounding alone.
 _MARGIN_OF_ROUNDING = 1000
+#: Empty fraction of a bar at each of its ends, see `band_bar`.
+_BAR_MARGIN = 0.04
+#: Gates that a first screen lists as nearest to falling short.
+TIGHTEST_COUNT = 5
+#: Quantities with a row of their own in the table of agreement; the others share one.
+_COMPARED = (
+    "total area",
+    "elastic area",
+    "plastic area",
+    "mean gap",
+    "elastic energy",
+)
+#: Groups of quantities that describe the work of a solver.  No gate is expected to read
+#: them, so that they do not count as uncovered.
+_OF_WORK = ("cost.", "iterations.", "residual.")
+#: What references of these kinds are called, beside the method that is judged.
+_FORMULAS = {"closed form": "closed forms", "published": "published laws"}
+#: What gates judge, by the kind of their reference.
+_EVIDENCE = {
+    "closed form": "against closed forms",
+    "method here": "against another method or an earlier value of this program",
+    "other code": "against programs of others",
+    "published": "against published results",
+    "experiment": "against experiments",
+    "identity": "on laws that any correct result obeys",
+}
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well two methods, or a method and its closed forms, agree on a quantity.
+
+    Attributes:
+        pair: what is compared, such as "theory – boundary elements".
+        quantity: the quantity in words, such as "total area".
+        gates: the number of comparisons.
+        median: the median of the absolute relative differences.
+        largest: the largest of them.
+        case: the id of the case with the largest difference.
+    """
+
+    pair: str
+    quantity: str
+    gates: int
+    median: float
+    largest: float
+    case: str
+
+
+@dataclass(frozen=True)
+class AreaPoint:
+    """A contact area against its reference, both as fractions of the nominal area.
+
+    Attributes:
+        case: the id of the case.
+        part: "total", "elastic" or "plastic".
+        pair: what is compared, as in `Agreement`.
+        reference: the area of the reference.
+        value: the area of the method that is judged.
+        error: half the width of the interval of their difference.
+        low, high: the ends of the band of the gate, around the reference.
+    """
+
+    case: str
+    part: str
+    pair: str
+    reference: float
+    value: float
+    error: float
+    low: float
+    high: float
 
 
 def overview(verdict: Verdict) -> dict[str, Any]:
@@ -30,37 +114,413 @@ def overview(verdict: Verdict) -> dict[str, Any]:
     Returns:
         A dictionary with these keys:
 
+        - `headline`, `evidence`, `uncovered_sentence`: see the functions of this module
+          with these names;
+        - `tightest`: for each gate nearest to falling short its `case` (the id), `gate`
+          (its verdict), `words` (see `gate_words`), `margin` (a text) and `bar` (see
+          `band_bar`);
+        - `agreement`, `points`: lists of `Agreement` and `AreaPoint`;
         - `kinds`: the meaning of each kind of reference by its name, the columns;
         - `matrix`: for each subject, the row of cells, see `_cell`; one cell per kind;
-        - `references`: a sentence, see `references`;
-        - `families`: for each case file, a list with one dictionary per case: its id,
-          status, requirement and counts of gates, see `_gate_counts`;
+        - `subjects`: for each subject, a list with one dictionary per case that mainly
+          verifies it, the tightest first: its id, status, requirement and counts of
+          gates, see `_gate_counts`;
         - `uncovered`: the quantities that no gate reads;
         - `experiments`: the measurements that no case uses, by kind; empty if a gate
           compares with an experiment.
     """
-    gates = [(case, gate) for case in verdict.cases for gate in case.gates]
+    gates = _gates_of(verdict)
     subjects = _with_others(SUBJECTS, (gate.subject for _, gate in gates))
     kinds = _with_others(KINDS, (gate.kind for _, gate in gates))
-    families: dict[str, list[dict[str, Any]]] = {}
-    for case in verdict.cases:
-        row = _gate_counts((case, gate) for gate in case.gates)
-        row |= {"id": case.id, "status": case.status, "requirement": case.requirement}
-        families.setdefault(case.family or case.id, []).append(row)
-    judged_quantities = {gate.quantity for _, gate in gates}
-    has_experiment = any(gate.kind == "experiment" for _, gate in gates)
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for subject, cases in cases_by_subject(verdict).items():
+        rows[subject] = []
+        for case in cases:
+            row = _gate_counts((case, gate) for gate in case.gates)
+            row |= {"id": case.id, "status": case.status}
+            row["requirement"] = case.skipped_because or case.requirement
+            rows[subject].append(row)
+    tight = []
+    for case, gate in tightest_gates(verdict):
+        words = gate_words(gate)
+        tight.append(
+            {
+                "case": case.id,
+                "gate": gate,
+                "words": words,
+                "margin": margin_text(gate),
+                "bar": band_bar(gate),
+            }
+        )
     return {
+        "headline": headline(verdict),
+        "evidence": evidence(verdict),
+        "tightest": tight,
+        "agreement": agreement(verdict),
+        "points": area_points(verdict),
         "kinds": {kind: KINDS.get(kind, "") for kind in kinds},
         "matrix": {subject: _matrix_row(gates, subject, kinds) for subject in subjects},
-        "references": references(verdict),
-        "families": families,
-        "uncovered": [
-            quantity
-            for name, quantity in QUANTITIES.items()
-            if name not in judged_quantities
-        ],
-        "experiments": {} if has_experiment else EXPERIMENTS,
+        "subjects": rows,
+        "uncovered_sentence": uncovered_sentence(verdict),
+        "uncovered": [QUANTITIES[name] for name in _uncovered(verdict)],
+        "experiments": {} if _rests_on_experiment(verdict) else EXPERIMENTS,
     }
+
+
+def _gates_of(verdict: Verdict) -> list[_GateOfCase]:
+    """Return all gates of a verdict, each with its case."""
+    return [(case, gate) for case in verdict.cases for gate in case.gates]
+
+
+# --- is it right?
+
+
+def headline(verdict: Verdict) -> str:
+    """Return the verdict in one sentence, without a final point.
+
+    It is such as "770 of 770 gates hold in 78 cases; 11 cases are skipped".
+    """
+    gates = _gates_of(verdict)
+    held = sum(gate.holds for _, gate in gates)
+    counts = Counter[str](case.status for case in verdict.cases)
+    judged = len(verdict.cases) - counts[SKIPPED]
+    sentence = (
+        f"{held} of {_count(len(gates), 'gate')} {'holds' if held == 1 else 'hold'} "
+        f"in {_count(judged, 'case')}"
+    )
+    if counts[FALLS_SHORT]:
+        verb = "falls" if counts[FALLS_SHORT] == 1 else "fall"
+        sentence += f"; {_count(counts[FALLS_SHORT], 'case')} {verb} short"
+    if counts[ERROR]:
+        verb = "has an error" if counts[ERROR] == 1 else "have errors"
+        sentence += f"; {_count(counts[ERROR], 'case')} {verb}"
+    if counts[SKIPPED]:
+        verb = "is" if counts[SKIPPED] == 1 else "are"
+        sentence += f"; {_count(counts[SKIPPED], 'case')} {verb} skipped"
+    return sentence
+
+
+def _count(number: int, noun: str) -> str:
+    """Return a number with its noun, such as "1 gate" or "3 gates"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def evidence(verdict: Verdict) -> str:
+    """Return a sentence on what was verified by what, without a final point.
+
+    It lists the methods that gates judge, and counts the gates by the kind of their
+    reference.  It is empty without a gate.
+    """
+    gates = [gate for _, gate in _gates_of(verdict)]
+    counts = Counter(gate.kind for gate in gates)
+    parts = [
+        f"{counts[kind]} {what}" for kind, what in _EVIDENCE.items() if counts[kind]
+    ]
+    if not parts:
+        return ""
+    methods = ", ".join(dict.fromkeys(_method_words(gate.of) for gate in gates))
+    return f"verified: {methods}; gates: {', '.join(parts)}"
+
+
+# --- where to look
+
+
+def tightest_gates(verdict: Verdict, count: int = TIGHTEST_COUNT) -> list[_GateOfCase]:
+    """Return the gates with the least margins, the least first, each with its case.
+
+    Of each case file there is one gate, because the cases of a file resemble each
+    other.  If this gives fewer gates than `count`, further gates follow that compare
+    with a reference or do not hold.  A gate that could not be judged comes before all
+    others.
+
+    Args:
+        verdict: the verdict on all cases.
+        count: the largest number of gates.
+    """
+    ordered = _by_margin(_gates_of(verdict))
+    of_family: dict[str, _GateOfCase] = {}
+    others = []
+    for case, gate in ordered:
+        family = case.family or case.id
+        if family not in of_family:
+            of_family[family] = (case, gate)
+        elif gate.kind != "identity" or not gate.holds:
+            others.append((case, gate))
+    first = list(of_family.values())[:count]
+    return _by_margin([*first, *others[: count - len(first)]])
+
+
+def _by_margin(gates: Iterable[_GateOfCase]) -> list[_GateOfCase]:
+    """Return gates, each with its case, sorted by their margins, the least first.
+
+    A gate that could not be judged comes before all others.
+    """
+
+    def margin(pair: _GateOfCase) -> float:
+        """Return the margin of a gate; -1 if it could not be judged."""
+        value = pair[1].margin
+        return -1.0 if math.isnan(value) else value
+
+    return sorted(gates, key=margin)
+
+
+def band_bar(gate: GateVerdict) -> dict[str, float]:
+    """Return where the band and the interval of a gate are on a bar of length 1.
+
+    Args:
+        gate: the verdict on the gate.
+
+    Returns:
+        Positions between 0 and 1: `low` and `high` of the band, `left` and `right` of
+        the interval of the difference, and its mean, `middle`.  The dictionary is empty
+        if the gate could not be judged or a value is not finite.
+    """
+    if gate.difference is None:
+        return {}
+    mean, half = gate.difference.mean, gate.half_width
+    values = {
+        "low": gate.low,
+        "high": gate.high,
+        "left": mean - half,
+        "right": mean + half,
+        "middle": mean,
+    }
+    start, end = min(values.values()), max(values.values())
+    if not math.isfinite(end - start) or start == end:
+        return {}
+    margin = _BAR_MARGIN
+    scale = (1 - 2 * margin) / (end - start)
+    return {name: margin + (x - start) * scale for name, x in values.items()}
+
+
+def quantity_words(name: str) -> str:
+    """Return the name of a quantity in words, such as "total area".
+
+    Args:
+        name: the name of the quantity in gates, such as "area.total.corrected".
+    """
+    group, _, rest = name.partition(".")
+    words = rest.replace("_", " ").replace(".", ", ")
+    if group == "area":
+        part, _, kind = rest.partition(".")
+        return f"{part} area" if kind == "corrected" else f"{part} area ({kind})"
+    if group == "field":
+        return f"{words} field"
+    if group == "distribution":
+        return "pressure distribution"
+    if group in ("residual", "iterations", "cost"):
+        return f"{group}: {words}"
+    return words or name.replace("_", " ")
+
+
+def gate_words(gate: GateVerdict) -> str:
+    """Return what a gate compares in words, such as "total area of boundary elements
+    against theory".
+    """
+    return (
+        f"{quantity_words(gate.quantity)} of {_method_words(gate.of)} against "
+        f"{_reference_words(gate)}"
+    )
+
+
+def _method_words(name: str) -> str:
+    """Return a method in words; the name of a solver that is not registered itself."""
+    return METHODS[name].full_name if name in METHODS else name
+
+
+def _reference_words(gate: GateVerdict) -> str:
+    """Return the reference of a gate in words: a method, a closed form or a number."""
+    if not isinstance(gate.against, str):
+        return f"{gate.against:.4g}"
+    if gate.against in METHODS:
+        return _method_words(gate.against)
+    return gate.against.replace("_", " ")
+
+
+# --- how right is it?
+
+
+def _pair_of(gate: GateVerdict) -> str:
+    """Return what two sides a gate compares, such as "theory – boundary elements".
+
+    It is "" for a number, which has no other side.
+    """
+    if not isinstance(gate.against, str):
+        return ""
+    if gate.kind in _FORMULAS:
+        return f"{_method_words(gate.of)} – {_FORMULAS[gate.kind]}"
+    sides = sorted((gate.of, gate.against), key=lambda name: name != "persson")
+    if "fem" in sides and "bem" in sides:
+        sides = ["fem", "bem"]
+    return " – ".join(map(_method_words, sides))
+
+
+def agreement(verdict: Verdict) -> list[Agreement]:
+    """Return how well methods agree with each other and with closed forms.
+
+    The gates are those of the norm "relative" whose reference is a method or a formula.
+    They are grouped by the two sides and by the quantity; quantities that are not in
+    `_COMPARED` are one group, "other quantities".  A gate without a finite difference
+    is left out.
+    """
+    groups: dict[tuple[str, str], list[tuple[float, str]]] = defaultdict(list)
+    for case, gate in _gates_of(verdict):
+        pair = _pair_of(gate)
+        if gate.norm != "relative" or gate.difference is None or not pair:
+            continue
+        if not math.isfinite(gate.difference.mean):
+            continue
+        words = quantity_words(gate.quantity)
+        quantity = words if words in _COMPARED else "other quantities"
+        groups[pair, quantity].append((abs(gate.difference.mean), case.id))
+    order = {name: place for place, name in enumerate(_COMPARED)}
+    rows = []
+    for (pair, quantity), differences in groups.items():
+        largest, case_id = max(differences)
+        middle = median(difference for difference, _ in differences)
+        rows.append(
+            Agreement(pair, quantity, len(differences), middle, largest, case_id)
+        )
+    return sorted(
+        rows,
+        key=lambda row: (
+            _pair_order(row.pair),
+            order.get(row.quantity, len(order)),
+        ),
+    )
+
+
+def area_points(verdict: Verdict) -> list[AreaPoint]:
+    """Return the contact areas of a verdict with their references, for a picture.
+
+    They are those of gates whose reference is a method or a formula; an area of 0 has
+    no place on the logarithmic axes and is left out.
+    """
+    points = []
+    for case, gate in _gates_of(verdict):
+        pair = _pair_of(gate)
+        if not gate.quantity.startswith("area.") or not pair:
+            continue
+        if gate.value is None or gate.reference is None:
+            continue
+        value, reference = gate.value.mean, gate.reference.mean
+        if not (0 < value <= 1 and 0 < reference <= 1):
+            continue
+        scale = reference if gate.norm == "relative" else 1.0
+        points.append(
+            AreaPoint(
+                case=case.id,
+                part=gate.quantity.split(".")[1],
+                pair=pair,
+                reference=reference,
+                value=value,
+                error=gate.half_width * scale,
+                low=reference + gate.low * scale,
+                high=reference + gate.high * scale,
+            )
+        )
+    return sorted(points, key=lambda point: _pair_order(point.pair))
+
+
+def _pair_order(pair: str) -> tuple[bool, str]:
+    """Return a key that sorts comparisons of two methods before those with formulas.
+
+    `pair` is a text of `_pair_of`.
+    """
+    return pair.endswith(tuple(_FORMULAS.values())), pair
+
+
+# --- what is not covered, and the cases
+
+
+def uncovered_sentence(verdict: Verdict) -> str:
+    """Return one sentence on what a verdict does not cover, without a final point."""
+    parts = []
+    if not _rests_on_experiment(verdict):
+        parts.append("no gate rests on an experiment")
+    skipped = [case.id for case in verdict.cases if case.status == SKIPPED]
+    if skipped:
+        verb = "was" if len(skipped) == 1 else "were"
+        parts.append(f"{_count(len(skipped), 'case')} {verb} skipped")
+    left_out = sum(len(case.not_judged) for case in verdict.cases)
+    if left_out:
+        verb = "is" if left_out == 1 else "are"
+        parts.append(
+            f"{_count(left_out, 'gate')} {verb} left out at size {verdict.size}"
+        )
+    unread = len(_uncovered(verdict))
+    if unread:
+        verb = "has" if unread == 1 else "have"
+        parts.append(f"{unread} quantities {verb} no gate")
+    return "; ".join(parts)
+
+
+def skipped_cases(verdict: Verdict) -> dict[str, list[str]]:
+    """Return the ids of the skipped cases of a verdict by the reason for skipping."""
+    names: dict[str, list[str]] = defaultdict(list)
+    for case in verdict.cases:
+        if case.status == SKIPPED:
+            reason = case.skipped_because.removeprefix("skipped: ")
+            names[reason].append(case.id)
+    return dict(names)
+
+
+def _rests_on_experiment(verdict: Verdict) -> bool:
+    """Return whether a gate of the verdict compares with an experiment."""
+    return any(gate.kind == "experiment" for _, gate in _gates_of(verdict))
+
+
+def _uncovered(verdict: Verdict) -> list[str]:
+    """Return the names of the quantities that no gate of the verdict reads.
+
+    Error estimates and the work of solvers are left out: no gate is expected to read
+    them.
+    """
+    judged = {gate.quantity for _, gate in _gates_of(verdict)}
+    names: list[str] = []
+    for name in QUANTITIES:
+        is_error = name.endswith("error") or "_error_by_" in name
+        if name not in judged and not is_error and not name.startswith(_OF_WORK):
+            names.append(name)
+    return names
+
+
+def cases_by_subject(verdict: Verdict) -> dict[str, list[CaseVerdict]]:
+    """Return the cases of a verdict by what they verify, each case once.
+
+    A case belongs to the subject of most of its gates that compare, or of most gates if
+    all check identities.  A case without a gate belongs to the last group, "not
+    judged".  The cases of a group are sorted by their tightest gates.
+    """
+    groups: dict[str, list[CaseVerdict]] = defaultdict(list)
+    pairs = {case.id: tightest(case.gates) for case in verdict.cases}
+
+    def margin(case: CaseVerdict) -> float:
+        """Return the least margin of a case; -1 if a gate could not be judged."""
+        gate = pairs[case.id]
+        if gate is None or math.isnan(gate.margin):
+            return -1.0
+        return gate.margin
+
+    for case in sorted(verdict.cases, key=margin):
+        groups[_main_subject(case)].append(case)
+    used = [subject for subject in groups if subject != _NOT_JUDGED]
+    order = [subject for subject in _with_others(SUBJECTS, used) if subject in groups]
+    if _NOT_JUDGED in groups:
+        order.append(_NOT_JUDGED)
+    return {subject: groups[subject] for subject in order}
+
+
+_NOT_JUDGED = "not judged"
+
+
+def _main_subject(case: CaseVerdict) -> str:
+    """Return what most gates of a case verify; "not judged" without a gate."""
+    compared = [gate.subject for gate in case.gates if gate.kind != "identity"]
+    subjects: Sequence[str] = compared or [gate.subject for gate in case.gates]
+    if not subjects:
+        return _NOT_JUDGED
+    return Counter(subjects).most_common(1)[0][0]
 
 
 def _with_others(names: Iterable[str], used: Iterable[str]) -> list[str]:
@@ -86,20 +546,6 @@ def _matrix_row(
         if gate.subject == subject:
             of_kind[gate.kind].append((case, gate))
     return [_cell(gates_of_kind) for gates_of_kind in of_kind.values()]
-
-
-def references(verdict: Verdict) -> str:
-    """Return one sentence that counts the gates of a verdict by the kind of their
-    reference, such as "references: identity 3; 0 of 3 gates compare with the work of
-    others".
-    """
-    counts = Counter(gate.kind for case in verdict.cases for gate in case.gates)
-    listed = ", ".join(f"{kind} {counts[kind]}" for kind in KINDS if counts[kind])
-    others = sum(counts[kind] for kind in OF_OTHERS)
-    return (
-        f"references: {listed}; {others} of {counts.total()} gates compare with the "
-        "work of others"
-    )
 
 
 def _gate_counts(gates: Iterable[_GateOfCase]) -> dict[str, Any]:
