@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import itertools
 import os
 import platform
 import secrets
@@ -124,8 +125,9 @@ def write_collection(
     """Write the ParaView collection (.pvd) that lists the files of a load path.
 
     The files lie in the same folder and have the names of `step_name`.  ParaView's time
-    of a step is its number, because the load may fall along the path.  The name of each
-    entry states the mean pressure.
+    of a step is its mean pressure in Pa while the load grows at each step.  If it falls
+    anywhere along the path, the time is the number of the step, from 0, because times
+    must grow.  The name of each entry states the mean pressure.
 
     Args:
         path: The .pvd file.
@@ -141,11 +143,14 @@ def write_collection(
         '<VTKFile type="Collection" version="0.1">',
         "<Collection>",
     ]
+    times: Sequence[float] = range(len(mean_pressures))
+    if all(low < high for low, high in itertools.pairwise(mean_pressures)):
+        times = [float(pressure) for pressure in mean_pressures]
     for number, pressure in enumerate(mean_pressures):
         name = f"mean pressure {float(pressure)!r} Pa"
         for part, end in enumerate(ends):
             lines.append(
-                f'<DataSet timestep="{number}" part="{part}" name="{name}" '
+                f'<DataSet timestep="{times[number]!r}" part="{part}" name="{name}" '
                 f'file="{step_name(number, end)}"/>'
             )
     lines += ["</Collection>", "</VTKFile>", ""]

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import platform
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -229,3 +230,18 @@ def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
         epcontact.verify("bearing-area", output=tmp_path, jobs=1)  # a run removes them
         assert not any((folder / "steps").iterdir())
         assert mine.exists()
+
+
+@pytest.mark.parametrize(
+    ("pressures", "times"),
+    [([1e5, 2e5, 2.5e5], ["100000.0", "200000.0", "250000.0"]), ([1.0, 0.0], "01")],
+)
+def test_the_time_of_a_load_is_its_mean_pressure_while_it_grows(
+    pressures, times, tmp_path
+):
+    """ParaView's time of a step is its mean pressure in Pa, or on a path that falls its
+    number.
+    """
+    files.write_collection(tmp_path / "path.pvd", pressures)
+    text = (tmp_path / "path.pvd").read_text()
+    assert re.findall('timestep="([^"]*)"', text) == [*times]

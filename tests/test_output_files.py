@@ -105,14 +105,15 @@ def test_every_value_is_at_its_place_in_single_and_double_precision(tmp_path):
     single = write_and_read(path, result, {"hardness": HARDNESS})
     double = write_and_read(tmp_path / "double.vti", result, precision="double")
     image = pv.read(path)
-    assert image.dimensions == (6, 100, 1)
+    assert image.dimensions == (7, 101, 1)
     assert image.origin == (0, 0, 0)
     assert image.spacing[:2] == (1e-6, 2e-6)
     assert image.active_scalars_name == "pressure"
     assert set(image.point_data.keys()) == set(result.fields)
     i, j = np.rint(image.points[:, :2] / image.spacing[:2]).astype(int).T
     for name, field in result.fields.items():
-        assert np.array_equal(image.point_data[name], np.float32(field[i, j]))
+        at_points = field[i % 6, j % 100]  # of the next period at the end
+        assert np.array_equal(image.point_data[name], np.float32(at_points))
         kind = np.uint8 if name == "state" else np.float32
         assert single.fields[name].dtype == kind
         assert np.array_equal(single.fields[name], field.astype(kind))
@@ -165,6 +166,27 @@ def test_spacing_and_numbers_keep_every_bit(tmp_path):
     file = read_fields(path)
     assert file.spacing == spacing
     assert file.attributes == {**attributes, "big": str(2**100)}
+
+
+@pytest.mark.parametrize("shape", [(32, 16), (7,)])
+def test_the_integral_of_the_pressure_is_the_load(shape, tmp_path):
+    """VTK's integral over a file is the mean pressure times the area of the period, or
+    the length of a line's.
+
+    Lists of numbers are arrays in the file.  `shape` is the grid.
+    """
+    result = asymmetric(shape)
+    about = {"load_path": {"value": [1e5, 2e5], "unit": "Pa", "meaning": "loads"}}
+    provenance = replace(result.provenance, about=about)
+    result = replace(result, provenance=provenance)
+    path = tmp_path / "x.vti"
+    file = write_and_read(path, result, precision="double")
+    assert file.attributes["load_path"] == (1e5, 2e5)
+    image = pv.read(path)
+    assert image.field_data["load_path"].tolist() == [1e5, 2e5]
+    integral = image.integrate_data().point_data["pressure"][0]
+    size = math.prod(PERIODS[: len(shape)])
+    assert integral == pytest.approx(result.fields["pressure"].mean() * size, rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(6, 4), (7,)])

@@ -1,7 +1,10 @@
 """Field results as VTK image files (.vti), which pyvista and ParaView open at once.
 
-A surface is a plane of nx by ny points, a line a row of nx points.  Point (i, j) is at
-(i dx, j dy, 0).  The point one period further equals the first one and is not stored.
+A surface of nx by ny points is a plane of nx + 1 by ny + 1 points, a line a row of
+nx + 1 points.  Point (i, j) is at (i dx, j dy, 0).  The last row and column are those
+of the next period and repeat the first ones, so that ParaView's integral of the
+pressure is the load.  The field data `periodic_points` hold nx and ny, and
+`read_fields` returns the fields without the repeated points.
 
 The point data are heights, pressure, gap and, for a capped or unloaded body,
 plastic_displacement as 32-bit floats, and state as 8-bit integers (0 apart, 1 elastic,
@@ -15,8 +18,9 @@ in 10^7, so use the state to find plastic points.  `precision="double"` keeps ev
 and the displacement.
 
 The field data state the origin of the file, the quantities of the result, and anything
-that the caller adds.  The numbers are raw bytes behind the XML head, so writing needs
-neither VTK, whose import takes long, nor a copy of the fields.
+that the caller adds; lists of numbers, such as the load path, are arrays.  The numbers
+are raw bytes behind the XML head, so writing needs neither VTK, whose import takes
+long, nor a copy of the fields.
 """
 
 from __future__ import annotations
@@ -50,7 +54,7 @@ UNITS = {
 #: mask of heights that were filled or replaced.
 _SMALL = {"state", "filled"}
 
-Attribute = str | float | int
+Attribute = str | float | int | tuple[float, ...]
 Precision = Literal["single", "double"]
 
 #: VTK's names of the types of numbers.
@@ -63,6 +67,9 @@ _LENGTH = np.dtype("<u8")
 _COLUMNS = 64
 #: Field data of this name hold the unit of a field or of other field data.
 _UNIT = "unit."
+#: Field data of this name hold the numbers of points of a period along each direction.
+#: A file without them, which another program wrote, has no repeated points.
+_PERIODIC = "periodic_points"
 
 
 @dataclass(frozen=True)
@@ -206,10 +213,9 @@ def write_image(
         for name in (*fields, *attributes)
         if name in all_units
     }
-    field_data = {
-        name: _stored_value(value)
-        for name, value in {**attributes, **named_units}.items()
-    }
+    shape = next(iter(shapes))
+    everything = {**attributes, **named_units, _PERIODIC: shape}
+    field_data = {name: _stored_value(value) for name, value in everything.items()}
     kinds = {name: np.dtype(_REAL[precision]) for name in planes}
     for name in kinds.keys() & _SMALL:
         kinds[name] = np.dtype("|u1")
@@ -220,16 +226,35 @@ def write_image(
             file.write(values.tobytes())
         for name, plane in planes.items():
             kind = kinds[name]
-            file.write(np.array(plane.size * kind.itemsize, _LENGTH).tobytes())
-            for start in range(0, plane.shape[1], _COLUMNS):
-                columns = plane[:, start : start + _COLUMNS]
+            size = math.prod(_closed_shape(plane.shape)) * kind.itemsize
+            file.write(np.array(size, _LENGTH).tobytes())
+            starts = range(0, plane.shape[1], _COLUMNS)
+            blocks = [plane[:, start : start + _COLUMNS] for start in starts]
+            if len(shape) == 2:
+                blocks.append(plane[:, :1])  # of the next period
+            for columns in blocks:
+                closed = np.concatenate([columns, columns[:1]])
                 # VTK stores x fastest.
-                file.write(np.ascontiguousarray(columns.T, kind).data)
+                file.write(np.ascontiguousarray(closed.T, kind).data)
         file.write(b"\n</AppendedData>\n" + _CLOSING + b"\n")
+
+
+def _closed_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Return the numbers of points (x, y) in a file, with those of the next period.
+
+    Args:
+        shape: the numbers of points of one period; (nx, 1) or (nx,) for a line.
+    """
+    nx, ny = (*shape, 1)[:2]
+    if ny == 1:
+        return nx + 1, 1
+    return nx + 1, ny + 1
 
 
 def read_fields(path: Path | str) -> FieldFile:
     """Return the fields and the field data of a .vti file of this or another program.
+
+    Points that repeat those of the first row and column are left out.
 
     Raises:
         OutputError: if the file cannot be read, is no .vti file, is damaged, or holds
@@ -244,21 +269,32 @@ def read_fields(path: Path | str) -> FieldFile:
     shape: tuple[int, ...] = (nx, ny)
     if ny == 1:
         shape = (nx,)
+    data = image.field_data
+    period = shape
+    if _PERIODIC in data.keys():  # noqa: SIM118 - it cannot be iterated
+        period = tuple(np.ravel(data[_PERIODIC]).tolist())
+        if _closed_shape(period) != (nx, ny):
+            raise OutputError(
+                f"cannot read {path}: it has {nx} x {ny} points, but states a period "
+                f"of {' x '.join(map(str, period))}, which are repeated at its end"
+            )
+    kept = tuple(slice(count) for count in period)
     fields = {}
     for name in image.point_data.keys():  # noqa: SIM118 - pyvista's own mapping
         values = np.asarray(image.point_data[name]).reshape(shape, order="F")
-        fields[name] = np.ascontiguousarray(values)
+        fields[name] = np.ascontiguousarray(values[kept])
     attributes: dict[str, Attribute] = {}
     units = {}
-    data = image.field_data
     for name in data.keys():  # noqa: SIM118 - it cannot be iterated
-        if len(data[name]) == 1:
-            (value,) = data[name].tolist()
-            if name.startswith(_UNIT):
-                units[name.removeprefix(_UNIT)] = str(value)
-            else:
-                attributes[name] = value
-    return FieldFile(path, fields, image.spacing[: len(shape)], attributes, units)
+        values = data[name].tolist()
+        if name.startswith(_UNIT):
+            units[name.removeprefix(_UNIT)] = str(values[0])
+        elif len(values) == 1:
+            attributes[name] = values[0]
+        elif name != _PERIODIC and data[name].ndim == 1:
+            attributes[name] = tuple(values)
+    spacing = image.spacing[: len(period)]
+    return FieldFile(path, fields, spacing, attributes, units)
 
 
 def read_quietly(path: Path | str, reader: str) -> Any:
@@ -329,8 +365,8 @@ def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
             attributes[f"area.{part}.{kind}"] = area
     for name, entry in provenance.about.items():
         value = entry["value"]
-        if isinstance(value, list | tuple):
-            value = ", ".join(map(repr, value))
+        if isinstance(value, list):
+            value = tuple(value)
         attributes[name] = value
     if result.notes:
         attributes["notes"] = "; ".join(result.notes)
@@ -345,7 +381,7 @@ def _result_attributes(result: ContactResult) -> dict[str, Attribute]:
         for name, value in values.items():
             attributes[f"{group}.{name}"] = value
     for name, value in attributes.items():
-        if not isinstance(value, str | int | float):
+        if not isinstance(value, str | int | float | tuple):
             attributes[name] = str(value)
     return attributes
 
@@ -379,9 +415,16 @@ def _flat_height(fields: Mapping[str, NDArray[Any]]) -> float | None:
 def _stored_value(value: Attribute) -> NDArray[Any]:
     """Return an entry of the field data as the array that VTK stores.
 
-    A float becomes an array of one 64-bit float, and an integer of at most 64 bits an
-    array of one integer.  Anything else becomes the bytes of its text, ended by a zero.
+    A float becomes an array of one 64-bit float, an integer of at most 64 bits an array
+    of one integer, and a tuple of such numbers an array of its length.  Anything else
+    becomes the bytes of its text, ended by a zero.
     """
+    if isinstance(value, tuple) and value:
+        numbers = np.array(value)
+        if numbers.dtype.kind == "f":
+            return numbers.astype("<f8")
+        if numbers.dtype.kind == "i":
+            return numbers.astype("<i8")
     if isinstance(value, float):
         return np.array([value], "<f8")
     if isinstance(value, int) and -(2**63) <= value < 2**63:
@@ -413,7 +456,8 @@ def _xml_head(
         element = f'<DataArray type="{kind}"'
         if kind == "UInt8":
             element = '<Array type="String"'
-        place = f'Name={quoteattr(name)} NumberOfTuples="1" format="appended"'
+        count = 1 if kind == "UInt8" else values.size
+        place = f'Name={quoteattr(name)} NumberOfTuples="{count}" format="appended"'
         field_elements += f'{element} {place} offset="{offset}"/>'
         offset += _LENGTH.itemsize + values.nbytes
     point_elements = ""
@@ -425,8 +469,9 @@ def _xml_head(
             key = 'name="UNITS_LABEL" location="vtkDataArray"'
             label = f"<InformationKey {key}>{UNITS[name]}</InformationKey>"
         point_elements += f'<DataArray type="{kind}" {place}>{label}</DataArray>'
-        offset += _LENGTH.itemsize + plane.size * kinds[name].itemsize
-    nx, ny = next(iter(planes.values())).shape
+        size = math.prod(_closed_shape(plane.shape))
+        offset += _LENGTH.itemsize + size * kinds[name].itemsize
+    nx, ny = _closed_shape(next(iter(planes.values())).shape)
     extent = f"0 {nx - 1} 0 {ny - 1} 0 0"
     # A direction without a spacing gets that of x, so that cells do not collapse.
     steps = (*spacing, spacing[0], spacing[0])[:3]

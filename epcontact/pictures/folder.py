@@ -289,7 +289,9 @@ def _caption_at_load(method: str, which: str, path: Path) -> str:
     Raises:
         OutputError: if the file cannot be read.
     """
-    mean_pressure = float(read_fields(path).attributes.get("mean_pressure", math.nan))
+    mean_pressure = read_fields(path).attributes.get("mean_pressure")
+    if not isinstance(mean_pressure, float):
+        mean_pressure = math.nan
     scale, unit = unit_for(mean_pressure, "Pa")
     load = "a load" if which == "a" else f"the {which} load of the path"
     return (
