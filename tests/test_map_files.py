@@ -3,6 +3,7 @@ refused.
 """
 
 import itertools
+import zipfile
 
 import numpy as np
 import pytest
@@ -261,3 +262,145 @@ def test_a_point_list_has_the_units_of_its_columns(tmp_path):
     expected = 1e-9 * (MAP - MAP.mean())
     heights = surface.heights.T
     assert heights == pytest.approx(expected, abs=1e-15)
+
+
+# --- .x3p -----------------------------------------------------------------------------
+
+#: A document main.xml without its records; {} are the root's attributes, and the three.
+DOCUMENT = """<?xml version="1.0" encoding="UTF-8"?>
+<p:ISO5436_2 xmlns:p="http://www.opengps.eu/2008/ISO5436_2">
+<Record1><Revision>{revision}</Revision><FeatureType>{feature}</FeatureType><Axes>
+<CX><AxisType>{x_type}</AxisType><DataType>D</DataType>
+<Increment>{dx}</Increment><Offset>0.0</Offset></CX>
+<CY><AxisType>I</AxisType><Increment>2e-6</Increment></CY>
+<CZ><AxisType>A</AxisType><DataType>{z_type}</DataType>{scale}</CZ>
+</Axes></Record1><Record3>
+<MatrixDimension><SizeX>30</SizeX><SizeY>{ny}</SizeY><SizeZ>{nz}</SizeZ>
+</MatrixDimension>{data}</Record3></p:ISO5436_2>
+"""
+LINK = "<DataLink><PointDataLink>bindata/data.bin</PointDataLink>{}</DataLink>"
+VALID = "<ValidPointsLink>bindata/valid.bin</ValidPointsLink>"
+PLAIN = {
+    "revision": "ISO5436 - 2000",
+    "feature": "SUR",
+    "x_type": "I",
+    "dx": "1e-6",
+    "z_type": "D",
+    "scale": "",
+    "ny": 20,
+    "nz": 1,
+    "data": LINK.format(""),
+}
+
+
+def x3p(path, content, folder="", valid=b"", **changes):
+    """Write an .x3p file and return its path.
+
+    `content` are the bytes of its heights, `folder` is in front of the names of all
+    members, `valid` are the bits of the valid points, and `changes` are those to PLAIN.
+    """
+    with zipfile.ZipFile(path, "w") as archive:
+        document = DOCUMENT.format(**PLAIN | changes)
+        archive.writestr(f"{folder}main.xml", document)
+        archive.writestr(f"{folder}bindata/data.bin", content)
+        if valid:
+            archive.writestr(f"{folder}bindata/valid.bin", valid)
+    return path
+
+
+#: Heights of the map in m, a line of the file for each y, as the standard stores them.
+HEIGHTS = 1e-7 * MAP
+STEPS = np.rint(HEIGHTS / 1e-12).astype("<i4")
+LISTED = "".join(f"<Datum>{value!r}</Datum>" for value in HEIGHTS.ravel().tolist())
+X3P = {
+    "doubles": (HEIGHTS.tobytes(), {}),
+    "revision": (HEIGHTS.tobytes(), {"revision": "ISO5436 - 2000 (vendor)"}),
+    "folder": (HEIGHTS.tobytes(), {"folder": "sample 1/"}),
+    "steps": (
+        STEPS.tobytes(),
+        {
+            "z_type": "L",
+            "scale": "<Increment>1e-12</Increment><Offset>3e-6</Offset>",
+        },
+    ),
+    "listed": (b"", {"data": f"<DataList>{LISTED}</DataList>"}),
+}
+
+
+@pytest.mark.parametrize("name", X3P)
+def test_x3p_files_are_read_by_their_standard(tmp_path, name):
+    """Heights in an archive's member or in its document, of any type and revision, have
+    the lengths of the axes and are in m.
+    """
+    content, changes = X3P[name]
+    path = x3p(tmp_path / "a.x3p", content, **changes)
+    recipe = HeightsFromFile(path, treatment="periodic", form=0)
+    assert recipe.periods == pytest.approx((30e-6, 40e-6))
+    heights = recipe.build().heights.T
+    assert heights == pytest.approx(HEIGHTS - HEIGHTS.mean(), abs=2e-12)
+    with refused(r"states 1 m .*\.x3p files are in m.*, but unit = 1e-06 is given"):
+        HeightsFromFile(path, unit=1e-6)
+
+
+def test_points_of_an_x3p_without_a_height_are_missing(tmp_path):
+    """Points whose bit is not set, and empty entries of a list, are missing."""
+    is_valid = np.arange(600) % 7 != 3
+    bits = np.packbits(is_valid, bitorder="little").tobytes()
+    linked = x3p(
+        tmp_path / "a.x3p", HEIGHTS.tobytes(), valid=bits, data=LINK.format(VALID)
+    )
+    entries = []
+    for value, valid in zip(HEIGHTS.ravel().tolist(), is_valid, strict=True):
+        entries.append(f"<Datum>{value!r}</Datum>" if valid else "<Datum/>")
+    listed = f"<DataList>{''.join(entries)}</DataList>"
+    for path in (linked, x3p(tmp_path / "b.x3p", b"", data=listed)):
+        surface = HeightsFromFile(path, treatment="periodic", missing="nearest").build()
+        assert surface.filled is not None
+        assert np.array_equal(surface.filled.T.ravel(), ~is_valid)
+
+
+def test_an_x3p_of_one_line_is_a_profile(tmp_path):
+    """A file with one line is a line; x may be stored beside the heights."""
+    heights = HEIGHTS[0]
+    path = x3p(tmp_path / "a.x3p", heights.tobytes(), ny=1, feature="PRF")
+    recipe = HeightsFromFile(path, treatment="periodic", form=0)
+    assert recipe.periods == pytest.approx((30e-6,))
+    assert recipe.build().heights == pytest.approx(heights - heights.mean())
+    pairs = np.stack([np.arange(30) * 1e-6, heights], axis=1).tobytes()
+    path = x3p(tmp_path / "b.x3p", pairs, ny=1, feature="PRF", x_type="A", dx="1")
+    recipe = HeightsFromFile(path, treatment="periodic", form=0)
+    assert recipe.periods == pytest.approx((30e-6,))
+    assert recipe.build().heights == pytest.approx(heights - heights.mean())
+
+
+@pytest.mark.parametrize(
+    ("content", "changes", "message"),
+    [
+        (b"", {}, "holds 0 of the 600 points that its main.xml states"),
+        (
+            b"",
+            {"data": LINK.format("").replace("data.", "x.")},
+            "does not hold .*x.bin",
+        ),
+        (b"", {"nz": 2}, "holds 2 layers"),
+        (b"", {"z_type": "Q"}, "axis CZ have the type 'Q', but I, L, F, D"),
+        (b"", {"ny": "many"}, r"no complete .x3p file \(invalid literal"),
+    ],
+)
+def test_x3p_files_that_break_the_standard_are_refused(
+    tmp_path, content, changes, message
+):
+    """The message says which rule the file breaks, and names no other reader."""
+    with refused(f"a.x3p: .*{message}"):
+        HeightsFromFile(x3p(tmp_path / "a.x3p", content, **changes))
+
+
+def test_an_archive_without_a_document_is_no_x3p(tmp_path):
+    """An archive without main.xml, and a file that is no archive, are refused."""
+    with zipfile.ZipFile(tmp_path / "a.x3p", "w") as archive:
+        archive.writestr("other.xml", "<a/>")
+    with refused(r"is no .x3p file, because its archive holds no main\.xml"):
+        HeightsFromFile(tmp_path / "a.x3p")
+    path = written(tmp_path / "b.x3p", "no archive")
+    with refused(r"no complete .x3p file \(File is not a zip file\); export it again"):
+        HeightsFromFile(path)

@@ -16,7 +16,12 @@ import pytest
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import SelfAffineSpectrum, Surface
-from epcontact.surfaces import HeightsFromArray, HeightsFromFile, SelfAffine, readers
+from epcontact.surfaces import (
+    HeightsFromArray,
+    HeightsFromFile,
+    SelfAffine,
+    map_errors,
+)
 
 # The heights are about as large as the period, which changes nothing in these tests.
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
@@ -297,9 +302,36 @@ class Topography:
         """Return the map in the topography's unit, masked where it has holes."""
         return np.ma.masked_array(self.scale * MAP, self.hole)
 
-    def to_unit(self, unit):
-        """Return the topography in a unit, which is the metre here."""
-        return replace(self, unit=unit, scale=1.0)
+
+@dataclass
+class Channel:
+    """A channel of a file, as SurfaceTopography describes it.
+
+    `name` is its name, `create` a function that returns its topography, and `data_unit`
+    the unit of its values; the channel holds heights if this is None.
+    """
+
+    name: str
+    create: Any
+    data_unit: str | None = None
+    nb_grid_pts = MAP.shape
+
+    @property
+    def physical_sizes(self):
+        """Return the lengths of the topography, None if it has no unit."""
+        topography = self.create()
+        return None if topography.unit is None else topography.physical_sizes
+
+    @property
+    def is_height_channel(self):
+        """Return True if the channel holds heights."""
+        return self.data_unit is None
+
+    def topography(self, physical_sizes):
+        """Return the topography; a file without lengths needs some to be read."""
+        if (physical_sizes is None) == (self.physical_sizes is None):
+            raise ValueError("lengths are given twice or not at all")
+        return self.create()
 
 
 def unreadable_topography():
@@ -309,8 +341,56 @@ def unreadable_topography():
     raise KeyError("tried XYZReader:\n no grid")
 
 
+def format_reader(ending, magic, opened):
+    """Return a reader of SurfaceTopography for files of one ending.
+
+    `magic` are the first bytes of its files, b"" if it accepts any, and `opened` is
+    what it opens: a list of channels, of which the first is the default, or an error.
+    """
+
+    def can_read(content):
+        """Return whether the format begins with these bytes."""
+        word = "maybe" if content.startswith(magic) else "no"
+        return types.SimpleNamespace(value=word)
+
+    return types.SimpleNamespace(
+        file_extensions=lambda: [ending],
+        format=lambda: ending,
+        name=ending.upper,
+        can_read=can_read,
+        opened=opened,
+    )
+
+
 @pytest.fixture
-def instrument(write, monkeypatch):
+def with_readers(monkeypatch):
+    """Return a function that replaces SurfaceTopography by a library that has the given
+    readers.
+    """
+
+    def replace_library(*readers):
+        """Install a library with these readers, from `format_reader`."""
+
+        def open_topography(_, **options):
+            """Return a context with the reader of this format, or raise its error."""
+            (opened,) = [r.opened for r in readers if r.format() == options["format"]]
+            if isinstance(opened, Exception):
+                raise opened
+            default = opened[0] if opened else None
+            reader = types.SimpleNamespace(channels=opened, default_channel=default)
+            return contextlib.nullcontext(reader)
+
+        library = types.SimpleNamespace(
+            open_topography=open_topography, readers=readers
+        )
+        module: Any = types.SimpleNamespace(IO=library)
+        monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
+
+    return replace_library
+
+
+@pytest.fixture
+def instrument(write, with_readers):
     """Return a function that gives the recipe of an instrument's file.
 
     The function takes a function that returns the topography, which stands in for
@@ -320,13 +400,12 @@ def instrument(write, monkeypatch):
 
     def recipe(topography, **options):
         """Return the recipe of map.sur, whose reader returns `topography()`."""
-
-        def open_topography(_):
-            """Return a context with the reader of the file."""
-            return contextlib.nullcontext(types.SimpleNamespace(topography=topography))
-
-        module: Any = types.SimpleNamespace(open_topography=open_topography)
-        monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
+        try:
+            topography()
+            opened = [Channel("Height", topography)]
+        except KeyError as error:
+            opened = error
+        with_readers(format_reader("sur", b"DIGITAL", opened))
         return HeightsFromFile(path, **{"treatment": "refuse"} | options)
 
     return recipe
@@ -362,7 +441,11 @@ def test_instrument_files_without_a_unit_take_that_of_the_user(instrument):
         (partial(Topography, None), {"unit": 1e-9}, "does not say how large"),
         (partial(Topography, hole=MAP > 0), {}, "of 2400 heights are NaN or masked"),
         (partial(Topography, is_uniform=False), {}, "no regular grid"),
-        (unreadable_topography, {}, r"tried XYZReader:.*no grid.*; export the"),
+        (
+            unreadable_topography,
+            {},
+            r"SUR files .*KeyError \(.*XYZReader.*; export the .* as \.x3p,",
+        ),
     ],
 )
 def test_instrument_files_are_refused(instrument, topography, options, message):
@@ -382,11 +465,71 @@ def test_instrument_files_need_surface_topography(write, monkeypatch):
         HeightsFromFile(write("map.sur", b"DIGITAL SURF"), (1.0, 1.0))
 
 
+CHANNELS = [
+    Channel("Phase", Topography, "deg"),
+    Channel("Height#1", Topography),
+    Channel("Height#2", partial(Topography, hole=np.arange(2400).reshape(48, 50) == 7)),
+]
+
+
+def test_a_channel_is_chosen_by_its_name(write, with_readers):
+    """The first channel of heights is read, or that whose name is given, and a note
+    lists all.
+    """
+    with_readers(format_reader("nid", b"AFM", CHANNELS))
+    recipe = HeightsFromFile(write("a.nid", b"AFM"), treatment="periodic")
+    listed = 'of "Phase", "Height#1", "Height#2"'
+    assert f'the channel "Height#1" was read, {listed}' in recipe.build().notes
+    other = replace(recipe, channel="Height#2", missing="harmonic")
+    assert f'the channel "Height#2" was read, {listed}' in other.build().notes
+    assert other.fingerprint != replace(recipe, missing="harmonic").fingerprint
+    with refused(f'has no channel "Depth"; set channel to one {listed}'):
+        replace(recipe, channel="Depth")
+    with refused('its channel "Phase" is in deg and holds no heights; set channel to'):
+        replace(recipe, channel="Phase")
+    with refused(r"\.txt files have no channels; leave out channel"):
+        HeightsFromFile(write("a.txt", MAP), (L, L), 1.0, channel="Height")
+
+
+def test_a_file_that_states_no_size_takes_the_pixel_size(instrument):
+    """The reader of a file without lengths gets some, and those of the user count."""
+    recipe = instrument(partial(Topography, None), pixel_size=0.5, unit=1e-9)
+    assert recipe.periods == (24.0, 25.0)
+
+
+def test_the_reason_is_that_of_the_reader_of_the_ending(write, with_readers):
+    """A file is read by its ending's reader, or by one that recognises its content.
+    The message has the reason of its ending's reader.
+    """
+    path = write("a.opd", b"OPD0")
+    broken = format_reader("opd", b"OPD", ValueError("its block is cut"))
+    any_file = format_reader("nms", b"", [Channel("Height", Topography)])
+    with_readers(any_file, format_reader("gwy", b"GWY", ValueError("no")), broken)
+    with refused(
+        r"the reader of OPD files cannot read it \(its block is cut\); export"
+    ):
+        HeightsFromFile(path)
+    with refused("no reader knows the ending .opx, and none recognises its content"):
+        HeightsFromFile(write("a.opx", b"OPX0"))
+    with_readers(any_file, format_reader("gwy", b"OP", CHANNELS), broken)
+    assert HeightsFromFile(path).shape == (48, 50)
+    with_readers(format_reader("dat", b"\x88", [Channel("Height", Topography)]))
+    assert HeightsFromFile(write("a.dat", b"\x88\0\1")).shape == (48, 50)
+
+
+def test_compressed_files_are_to_be_unpacked(tmp_path, write):
+    """A compressed file is refused with the files inside, if these can be listed."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("maps/a.txt", "1 2")
+    with refused(r"a.zip: is a compressed file; unpack it .* \(maps/a.txt\)"):
+        HeightsFromFile(tmp_path / "a.zip")
+    with refused("a.txt.gz: is a compressed file; unpack it"):
+        HeightsFromFile(write("a.txt.gz", b"\x1f\x8b\x08"))
+
+
 def test_a_zip_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     """An archive that would unpack to more than the limit, here 1 MiB, is refused."""
-    module: Any = types.SimpleNamespace(open_topography=None)
-    monkeypatch.setitem(sys.modules, "SurfaceTopography", module)
-    monkeypatch.setattr(readers, "_UNPACKED", 2**20)
+    monkeypatch.setattr(map_errors, "_UNPACKED", 2**20)
     path = tmp_path / "bomb.x3p"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("data.bin", bytes(2**21))

@@ -15,7 +15,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, StrictBool, StrictFloat, ValidationInfo
+from pydantic import (
+    BeforeValidator,
+    StrictBool,
+    StrictFloat,
+    StrictStr,
+    ValidationInfo,
+)
 
 from epcontact.errors import InvalidScene
 from epcontact.results import ContactResult
@@ -134,9 +140,10 @@ class HeightsFromFile(Preparation):
     .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers, and
     like them pictures: x runs along a line, y from line to line.  Tables, .xyz files
     too, may also list x, y and height of points on a grid, as .stl, .ply and .vtu
-    meshes do, which meshio reads; .vti files are results, and SurfaceTopography
-    (`epcontact[instruments]`) reads all other files.  The recipe opens the file and
-    `build` reads it.  Its content identifies it, not its path.
+    meshes do, which meshio reads; .vti files are results, .x3p files are read by
+    their standard, and SurfaceTopography (`epcontact[instruments]`) reads all other
+    files.  The recipe opens the file and `build` reads it.  Its content identifies it,
+    not its path.
 
     One period is enough for a square map, none is needed if the file gives it.  The
     first is the length along x.  Units and lengths that the file states and that are
@@ -174,6 +181,10 @@ class HeightsFromFile(Preparation):
         StrictBool,
         entry("", "skip the case with a message if the file is absent"),
     ] = False
+    channel: Annotated[
+        StrictStr | None,
+        entry("", "name of the channel of an instrument's file with several"),
+    ] = None
     accept: Annotated[
         tuple[Literal["slope", "unit", "size"], ...],
         sequence(Literal["slope", "unit", "size"]),
@@ -219,7 +230,7 @@ class HeightsFromFile(Preparation):
 
         Raises InvalidScene if the file cannot be read or holds no map.
         """
-        stored = read_heights(Path(self.path))
+        stored = read_heights(Path(self.path), self.channel)
         return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -341,7 +352,10 @@ class HeightsFromFile(Preparation):
         unit and the treatment of the heights.
         """
         digest = file_digest(Path(self.path))
-        return f"file/3 {digest} unit={self.unit or 1.0!r} {self.steps}"
+        words = f"file/3 {digest} unit={self.unit or 1.0!r}"
+        if self.channel is not None:
+            words += f" channel={self.channel!r}"
+        return f"{words} {self.steps}"
 
     def build(self) -> Surface:
         """Return the surface of this file's heights, treated as the fields say.

@@ -10,28 +10,23 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from epcontact.errors import InvalidScene, OutputError
-from epcontact.machine import available_memory
 from epcontact.output.vtk import read_fields
 from epcontact.surfaces.height_map import HeightMap, map_of_points
-from epcontact.surfaces.text_headers import unit_in_metres
+from epcontact.surfaces.instruments import read_instrument
+from epcontact.surfaces.map_errors import errors_of
 from epcontact.surfaces.text_tables import AS_PICTURE, read_table
+from epcontact.surfaces.x3p import read_x3p
 
-#: Bytes that a zip file (.x3p) may always unpack to, if they fit into memory.
-_UNPACKED = 2**28
-#: Times its size that a larger zip file may unpack to: heights shrink ten times or so,
-#: zeros a thousand times.
-_SHRUNK = 100
-#: Times the unpacked bytes that a reader holds in memory; 1.27 were measured.
-_HELD = 3
-#: Most characters of the message of a parser that a message shows.
-_SHOWN = 160
+#: Endings of compressed files, which are not read.
+ARCHIVES = {".gz", ".zip", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz", ".zst"}
+#: Most members of an archive that a message lists.
+_LISTED = 5
 
 
 def file_digest(path: Path) -> str:
@@ -39,53 +34,64 @@ def file_digest(path: Path) -> str:
 
     Raises InvalidScene if it cannot be read.
     """
-    with _errors_of(path), path.open("rb") as file:
+    with errors_of(path), path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_heights(path: Path) -> HeightMap:
+def read_heights(path: Path, channel: str | None = None) -> HeightMap:
     """Return the heights of a file, whose ending says how it is read.
 
-    Raises InvalidScene if the file cannot be read, or holds no map of heights.
+    Args:
+        path: the file.
+        channel: the name of the channel of an instrument's file; None for its default.
+
+    Raises:
+        InvalidScene: The file cannot be read, holds no map of heights, or has no
+            channels although one is named.
     """
-    with _errors_of(path):
+    with errors_of(path):
         if path.is_dir():
             raise InvalidScene(f"{path}: is a folder, but a file of heights is needed")
         if path.stat().st_size == 0:
             raise InvalidScene(f"{path}: is empty")
-        read = READERS.get(path.suffix.lower(), _read_instrument)
+        suffix = path.suffix.lower()
+        if suffix in ARCHIVES:
+            _require_no_archive(path)
+        read = READERS.get(suffix)
+        if read is None or (suffix == ".dat" and _is_binary(path)):
+            return read_instrument(path, channel)
+        if channel is not None:
+            raise InvalidScene(
+                f"{path}: {suffix} files have no channels; leave out channel"
+            )
         return read(path)
 
 
-@contextmanager
-def _errors_of(path: Path, problem: str = "", remedy: str = "") -> Iterator[None]:
-    """Return a context manager that turns errors of reading a file into InvalidScene.
+def _require_no_archive(path: Path) -> None:
+    """Raise InvalidScene for a compressed file, with the files that a .zip holds.
 
-    Args:
-        path: the file, with which the message begins.
-        problem: what an error of a parser means, such as "is no .npy file"; the message
-            of the parser follows in parentheses.  "": errors of a parser are raised
-            unchanged, and only those of the operating system are turned.
-        remedy: what the user can do, the end of the message; "" for nothing.
+    A .zip with a .dsc file is a map of a nanomeasuring machine, which SurfaceTopography
+    reads.
     """
-    try:
-        yield
-    except InvalidScene:
-        raise
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InvalidScene(f"{path}: {reason}") from None
-    except (Exception, SystemExit) as error:  # each parser has errors of its own
-        if not problem:
-            raise
-        sentence = " ".join(str(error).split("; use")[0].split()).rstrip(".")
-        sentence = sentence or type(error).__name__
-        if len(sentence) > _SHOWN:
-            sentence = sentence[: _SHOWN - 1] + "…"
-        message = f"{path}: {problem} ({sentence})"
-        if remedy:
-            message += f"; {remedy}"
-        raise InvalidScene(message) from None
+    inside = ""
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            names = [name for name in archive.namelist() if not name.endswith("/")]
+        if any(name.lower().endswith(".dsc") for name in names):
+            return
+        inside = f" ({', '.join(names[:_LISTED])})"
+    raise InvalidScene(
+        f"{path}: is a compressed file; unpack it and give the path of the map inside"
+        f"{inside}"
+    )
+
+
+def _is_binary(path: Path) -> bool:
+    """Return True if a file is no text: if it holds a zero byte, but is no UTF-16."""
+    with path.open("rb") as file:
+        first_bytes = file.read(4096)
+    is_utf16 = first_bytes.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return b"\0" in first_bytes and not is_utf16
 
 
 def _read_npy(path: Path) -> HeightMap:
@@ -93,7 +99,7 @@ def _read_npy(path: Path) -> HeightMap:
 
     Raises InvalidScene if the file is damaged or holds other objects than numbers.
     """
-    with _errors_of(path, "is no complete .npy file of numbers"):
+    with errors_of(path, "is no complete .npy file of numbers"):
         heights = np.lib.format.open_memmap(path, mode="r")
     return HeightMap(heights.T, notes=(AS_PICTURE,) if heights.ndim == 2 else ())
 
@@ -133,6 +139,23 @@ def _read_fields(path: Path) -> HeightMap:
     )
 
 
+def _read_asc(path: Path) -> HeightMap:
+    """Return the heights of an .asc file: a table, or text of an instrument.
+
+    Raises InvalidScene if the file is neither; the message is that of the reader of
+    tables if SurfaceTopography cannot read the file, too.
+    """
+    try:
+        if not path.read_bytes().startswith(b"Wyko"):
+            return read_table(path)
+    except InvalidScene as error:
+        try:
+            return read_instrument(path)
+        except InvalidScene:
+            raise error from None
+    return read_instrument(path)
+
+
 def _read_mesh(path: Path) -> HeightMap:
     """Return the heights z of a mesh file (.stl, .ply, .vtu), in the file's unit.
 
@@ -143,78 +166,17 @@ def _read_mesh(path: Path) -> HeightMap:
 
     read = getattr(meshio, path.suffix.lower()[1:]).read
     # Text that meshio tries as numbers may overflow.
-    with _errors_of(path, "meshio cannot read it"), np.errstate(all="ignore"):
+    with errors_of(path, "meshio cannot read it"), np.errstate(all="ignore"):
         mesh = read(path)
     return map_of_points(np.asarray(mesh.points, np.float64), path)
-
-
-def _read_instrument(path: Path) -> HeightMap:
-    """Return the heights of a file in any format of SurfaceTopography.
-
-    The heights are in m if the file gives their unit.
-
-    Raises InvalidScene if SurfaceTopography is not installed or cannot read the file,
-    if the points are on no regular grid, or if an archive is far larger than a map.
-    """
-    try:
-        from SurfaceTopography import open_topography
-    except ImportError:
-        raise InvalidScene(
-            f"{path}: reading {path.suffix or 'such'} files needs SurfaceTopography; "
-            "pip install 'epcontact[instruments]', or convert it to .npy or text"
-        ) from None
-    if zipfile.is_zipfile(path):
-        _require_small_archive(path)
-    problem = "SurfaceTopography cannot read it"
-    remedy = (
-        "export the map from the instrument's software as .x3p, .sur or .nc, which "
-        "know their units, or as text, one line of heights after the other"
-    )
-    with _errors_of(path, problem, remedy), open_topography(str(path)) as reader:
-        topography = reader.topography()
-        unit = None
-        periods = None
-        if topography.unit is not None:
-            unit = unit_in_metres(topography.unit)
-            periods = tuple(map(float, topography.physical_sizes))
-        if not topography.is_uniform:
-            raise InvalidScene(
-                f"{path}: its points lie on no regular grid; resample it first"
-            )
-        # Points without a height are masked.
-        heights = np.ma.filled(np.ma.asarray(topography.heights(), np.float64), np.nan)
-        return HeightMap(
-            heights,
-            unit,
-            periods,
-            length_unit=unit,
-            unit_source=f"its unit is {topography.unit}",
-            size_source="the size that it stores",
-        )
-
-
-def _require_small_archive(path: Path) -> None:
-    """Raise InvalidScene if a zip file is too large once it is unpacked.
-
-    Too large is more than 256 MiB and, in addition, more than a hundred times the
-    size of the file or more than a third of the free memory.
-    """
-    packed = path.stat().st_size
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(part.file_size for part in archive.infolist())
-    allowed = min(_SHRUNK * packed, available_memory() / _HELD)
-    if unpacked > max(_UNPACKED, allowed):
-        raise InvalidScene(
-            f"{path}: unpacks from {packed / 2**20:.3g} MiB to "
-            f"{unpacked / 2**20:.3g} MiB, more than a map of heights does or memory "
-            "holds; export it again"
-        )
 
 
 #: The reader of each ending; SurfaceTopography reads all others.
 READERS: dict[str, Callable[[Path], HeightMap]] = {
     ".npy": _read_npy,
     ".vti": _read_fields,
+    ".x3p": read_x3p,
+    ".asc": _read_asc,
     **dict.fromkeys((".txt", ".dat", ".csv", ".tsv", ".xyz"), read_table),
     **dict.fromkeys((".stl", ".ply", ".vtu"), _read_mesh),
 }
