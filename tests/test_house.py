@@ -48,7 +48,7 @@ TOKENS = {
     "epcontact.results": 2_050,
     "epcontact.scene": 3_096,
     "epcontact.studies": 22_428,
-    "epcontact.surfaces": 18_321,
+    "epcontact.surfaces": 18_425,
     "fem_check": 28_971,
     "lines of saved screens": 685,
     "tests": 137_011,

@@ -200,7 +200,7 @@ def test_missing_points_of_arrays_and_files_are_filled(tmp_path):
     exactly for heights that are harmonic.
     """
     path = tmp_path / "map.npy"
-    np.save(path, HOLED.T)
+    np.save(path, HOLED)
     steps = {"missing": "harmonic", "treatment": "periodic", "form": 0}
     masked = np.ma.masked_invalid(HOLED)
     for recipe in (
@@ -278,7 +278,7 @@ def test_a_file_is_mirrored_so_that_no_edge_is_left(tmp_path):
     It is then periodic, and its slopes and curvatures are those of the map.
     """
     path = tmp_path / "cut.npy"
-    np.save(path, CUT_OUT.T)
+    np.save(path, CUT_OUT)
     (recipe,) = recipes_of(HeightsFromFile(path, pixel_size=0.5, unit=1.0))
     surface = recipe.build()
     assert surface.shape == recipe.shape == (80, 62)

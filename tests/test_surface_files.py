@@ -40,7 +40,7 @@ def write(tmp_path):
     """Return a function that writes a file and returns its path.
 
     The function takes a file name and its content: bytes, or heights [x, y], which are
-    written as a picture [y, x] in the format of the name's ending.
+    written as such to .npy and as a picture [y, x] to the format of another ending.
     """
 
     def write(name, content):
@@ -49,7 +49,7 @@ def write(tmp_path):
         if isinstance(content, bytes):
             path.write_bytes(content)
         elif path.suffix == ".npy":
-            np.save(path, np.transpose(content))
+            np.save(path, content)
         else:
             delimiter = DELIMITERS.get(path.suffix, " ")
             header = "heights"
@@ -89,7 +89,36 @@ def test_every_format_holds_the_same_heights(write, name, kind):
     surface = HeightsFromFile(write(name, heights), (L, 2 * L), 1e-6, "refuse").build()
     assert np.array_equal(surface.heights, heights * 1e-6)
     assert surface.periods == (L, 2 * L)
-    assert "as in its picture" in str(surface.notes)
+    note = "along the first index" if name == "a.npy" else "as in its picture"
+    assert note in str(surface.notes)
+
+
+def test_an_array_and_its_file_are_one_surface(write):
+    """An array, its .npy file and its table of rows after `transpose` are one surface
+    with the same periods.
+    """
+    surface = HeightsFromArray(MAP, (L, 2 * L), "refuse").build()
+    table = write("rows.txt", MAP.T)
+    for path, transpose in ((write("a.npy", MAP), False), (table, True)):
+        recipe = HeightsFromFile(path, (L, 2 * L), 1.0, "refuse", transpose=transpose)
+        read = recipe.build()
+        assert np.array_equal(read.heights, surface.heights)
+        assert read.rms_slope == surface.rms_slope
+    assert "transpose exchanged x and y; before, x runs along" in str(read.notes)
+
+
+def test_transpose_exchanges_the_lengths_of_a_file(write):
+    """The lengths that a header states are exchanged with x and y, and the fingerprint
+    differs.  A line cannot be transposed.
+    """
+    header = b"# Width: 6 m\n# Height: 4 m\n# Value units: m\n"
+    recipe = HeightsFromFile(write("a.txt", header + b"0 1 2\n3 4 5\n"))
+    other = replace(recipe, periods=(), transpose=True)
+    assert other.shape == recipe.shape[::-1] == (2, 3)
+    assert other.periods == recipe.periods[::-1] == (4.0, 6.0)
+    assert other.fingerprint != recipe.fingerprint
+    with refused("holds a line; leave out transpose"):
+        HeightsFromFile(write("line.npy", MAP[0]), (L,), 1.0, transpose=True)
 
 
 @pytest.mark.parametrize(

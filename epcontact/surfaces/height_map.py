@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 
+#: The notes on which direction of a map is x: of an array, of a picture, and of a file
+#: that names the directions itself.
+AS_ARRAY = "x runs along the first index of the array (from row to row), y along a row"
+AS_PICTURE = (
+    "x runs along the lines of the file and y from line to line, as in its picture"
+)
+AS_STATED = "x and y are those that the file states"
 #: Distance of a coordinate from a regular grid, over its step, that counts as none:
 #: files keep few digits.
 _OFF_GRID = 0.01
@@ -34,8 +41,19 @@ class HeightMap:
     unit_source: str = ""  #: How the file states the unit, for messages.
     size_source: str = ""  #: How the file states the lengths, for messages.
     notes: tuple[str, ...] = ()  #: Sentences on how the file was read.
+    orientation: str = AS_STATED  #: The note on which direction of the file is x.
     #: Mask of the heights that were filled before, if the file is a result with some.
     filled: NDArray[np.bool_] | None = None
+
+    def transposed(self) -> HeightMap:
+        """Return this map with x and y exchanged, its lengths included."""
+        return replace(
+            self,
+            heights=self.heights.T,
+            periods=None if self.periods is None else self.periods[::-1],
+            filled=None if self.filled is None else self.filled.T,
+            orientation=f"transpose exchanged x and y; before, {self.orientation}",
+        )
 
 
 def lengths_agree(first: float, second: float, points: int) -> bool:

@@ -137,8 +137,9 @@ def _beside_the_case(value: Any, info: ValidationInfo) -> Any:
 class HeightsFromFile(Preparation):
     """Heights from a file; also the table [surface] of kind file.
 
-    .npy files are numpy's; .txt, .dat, .csv and .tsv are plain tables of numbers, and
-    like them pictures: x runs along a line, y from line to line.  Tables, .xyz files
+    The first index of a .npy file runs along x, as in `HeightsFromArray`.  .txt, .dat,
+    .csv and .tsv are plain tables of numbers and pictures: x runs along a line, y from
+    line to line.  `transpose` exchanges x and y.  Tables, .xyz files
     too, may also list x, y and height of points on a grid, as .stl, .ply and .vtu
     meshes do, which meshio reads; .vti files are results, .x3p files are read by
     their standard, and SurfaceTopography (`epcontact[instruments]`) reads all other
@@ -180,6 +181,9 @@ class HeightsFromFile(Preparation):
     optional: Annotated[
         StrictBool,
         entry("", "skip the case with a message if the file is absent"),
+    ] = False
+    transpose: Annotated[
+        StrictBool, entry("", "exchange x and y of the file; period is [x, y] after it")
     ] = False
     channel: Annotated[
         StrictStr | None,
@@ -231,7 +235,13 @@ class HeightsFromFile(Preparation):
         Raises InvalidScene if the file cannot be read or holds no map.
         """
         stored = read_heights(Path(self.path), self.channel)
-        return replace(stored, heights=checked_heights(stored.heights, str(self.path)))
+        heights = checked_heights(stored.heights, str(self.path))
+        stored = replace(stored, heights=heights)
+        if not self.transpose:
+            return stored
+        if heights.ndim != 2:
+            raise InvalidScene(f"{self.path} holds a line; leave out transpose")
+        return stored.transposed()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes of this recipe that pickle stores: all but the heights.
@@ -355,6 +365,8 @@ class HeightsFromFile(Preparation):
         words = f"file/3 {digest} unit={self.unit or 1.0!r}"
         if self.channel is not None:
             words += f" channel={self.channel!r}"
+        if self.transpose:
+            words += " transpose"
         return f"{words} {self.steps}"
 
     def build(self) -> Surface:
@@ -397,8 +409,7 @@ class HeightsFromFile(Preparation):
                 f"the file does not state the unit of its lengths; it was taken to be "
                 f"{self.periods[0] / first:.3g} m"
             )
-        if len(self.shape) == 1:
-            yield LINE
+        yield LINE if len(self.shape) == 1 else stored.orientation
         x = self.periods[0] / self.shape[0]
         y = self.periods[-1] / self.shape[-1]
         equal = math.isclose(x, y, rel_tol=_SAME_SPACING)

@@ -3,7 +3,7 @@ formats.
 
 Nothing is executed, so pickles are refused.  A .npy file is memory-mapped, so that a
 header that promises more than the file holds is detected before memory is allocated.
-Its heights are as in a picture: x runs along its lines.
+The first index of an array runs along x, and so do the lines of a table.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 from epcontact.errors import InvalidScene, OutputError
 from epcontact.output.vtk import read_fields
-from epcontact.surfaces.height_map import HeightMap, map_of_points
+from epcontact.surfaces.height_map import AS_ARRAY, HeightMap, map_of_points
 from epcontact.surfaces.instruments import read_instrument
 from epcontact.surfaces.map_errors import errors_of
-from epcontact.surfaces.text_tables import AS_PICTURE, read_table
+from epcontact.surfaces.text_tables import read_table
 from epcontact.surfaces.x3p import read_x3p
 
 #: Endings of compressed files, which are not read.
@@ -95,13 +95,13 @@ def _is_binary(path: Path) -> bool:
 
 
 def _read_npy(path: Path) -> HeightMap:
-    """Return the heights of a .npy file, transposed so that x is the first axis.
+    """Return the heights of a .npy file, whose first index runs along x.
 
     Raises InvalidScene if the file is damaged or holds other objects than numbers.
     """
     with errors_of(path, "is no complete .npy file of numbers"):
         heights = np.lib.format.open_memmap(path, mode="r")
-    return HeightMap(heights.T, notes=(AS_PICTURE,) if heights.ndim == 2 else ())
+    return HeightMap(heights, orientation=AS_ARRAY)
 
 
 def _read_fields(path: Path) -> HeightMap:

@@ -21,7 +21,12 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
-from epcontact.surfaces.height_map import HeightMap, lengths_agree, map_of_points
+from epcontact.surfaces.height_map import (
+    AS_PICTURE,
+    HeightMap,
+    lengths_agree,
+    map_of_points,
+)
 from epcontact.surfaces.profiles import (
     FEWEST,
     is_coordinate,
@@ -32,10 +37,6 @@ from epcontact.surfaces.text_headers import StatedLength, StatedScale, read_scal
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
-#: The note on heights that are stored as in a picture.
-AS_PICTURE = (
-    "x runs along the lines of the file and y from line to line, as in its picture"
-)
 #: Most characters of a wrong cell that a message shows.
 _SHOWN = 40
 #: Most lines that are searched for commas which separate and are decimal, too.
@@ -104,11 +105,7 @@ def _map_of_table(table: FloatArray, scale: StatedScale, path: Path) -> HeightMa
     if is_xyz or _lists_points(table):
         return _with_column_units(map_of_points(table, path), "x, y and height", scale)
     _require_no_profile(table, path)
-    heights = table.T
-    notes = [*_coordinate_notes(table), AS_PICTURE]
-    if 1 in table.shape:
-        heights = table.ravel()
-        notes.pop()
+    heights = table.ravel() if 1 in table.shape else table.T
     periods, source = _stated_lengths(heights.shape, scale, path)
     return HeightMap(
         heights,
@@ -117,7 +114,8 @@ def _map_of_table(table: FloatArray, scale: StatedScale, path: Path) -> HeightMa
         length_unit=None if periods is None else 1.0,
         unit_source=scale.unit_source,
         size_source=source,
-        notes=tuple(notes),
+        notes=tuple(_coordinate_notes(table)),
+        orientation=AS_PICTURE,
     )
 
 
