@@ -31,7 +31,7 @@ FLOORS = (
 TOKENS = {
     "epcontact": 148,
     "epcontact.bem": 29_582,
-    "epcontact.cli": 10_371,
+    "epcontact.cli": 10_443,
     "epcontact.crosscheck": 3_203,
     "epcontact.errors": 410,
     "epcontact.files": 904,
@@ -39,7 +39,7 @@ TOKENS = {
     "epcontact.interface": 3_899,
     "epcontact.machine": 1_236,
     "epcontact.materials": 1_664,
-    "epcontact.output": 15_926,
+    "epcontact.output": 16_621,
     "epcontact.peers": 5_122,
     "epcontact.persson": 13_295,
     "epcontact.pictures": 3_248,

@@ -25,11 +25,19 @@ from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
-from epcontact.output.loads import load_cells
+from epcontact.output.loads import connection_sentences, load_cells
 from epcontact.output.vtk import read_fields
 from epcontact.pictures.loads import load_charts
 from epcontact.reference.waves import line_mean_gap
-from epcontact.results import COLUMNS, ELASTIC, PLASTIC, ContactResult
+from epcontact.results import (
+    COLUMNS,
+    ELASTIC,
+    PLASTIC,
+    Areas,
+    ContactResult,
+    LoadStep,
+    Provenance,
+)
 from epcontact.scene import Load, Material, Scene, Surface
 
 PATH = ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 3.0e8]")
@@ -172,6 +180,52 @@ def test_a_path_that_ends_at_no_load_shows_its_peak_and_what_it_leaves(
     write_case(BEM, AREA, ("5.0e8", "4.0e8"), ("[3, 5, 7]", "[3]"))
     invoke("verify", file, "--output", tmp_path, "--jobs", 1)
     assert not [*folder.glob("*.vti")]
+
+
+def test_the_gap_connects_where_a_patch_of_it_spans_the_surface(ran):
+    """The sentence on the gap says yes, and that on the contact no, as the patches of
+    points apart and in contact do or do not span the period.
+    """
+    case, _, data = ran
+    masks = [
+        solve_until(case, number, recipe)[1].fields["state"] > 0
+        for number in range(4)
+        for recipe in case.recipes
+    ]
+    assert all(find_patches(~mask).spans for mask in masks)
+    assert not any(find_patches(mask).spans for mask in masks)
+    results = [ContactResult.from_json(member) for member in data["members"]]
+    gap, contact = connection_sentences(results)
+    assert gap.startswith("The gap connects across the surface: yes at every load.")
+    assert contact.startswith("The contact connects across the surface: no at every")
+    needed = [r.steps[1].quantities["contact_percolation"] for r in results]
+    assert f"closest {min(needed):.3g} to {max(needed):.3g} of the area" in contact
+
+
+def test_the_load_at_which_the_gap_closes_is_between_its_neighbours():
+    """On a path whose gap closes, each load has its answer, and a load near which it
+    changes, which linear interpolation gives; within its error nothing is decided.
+    """
+    error = Areas(0.03, 0.03, 0.0)
+    quantities = {"gap_percolation": 0.4, "gap_percolation.error": 0.04}
+    steps = []
+    for load, area in ((1e6, 0.3), (2e6, 0.5), (4e6, 0.7), (5e6, 0.62)):
+        areas = {"raw": Areas(area, area, 0.0), "error": error}
+        steps.append(LoadStep(load, areas, quantities=quantities))
+    result = ContactResult("bem", tuple(steps), Provenance("digest"))
+    answer = (
+        "yes at 1, 2 MPa; no at 4 MPa; undecided within its error at 5 MPa "
+        "(it changes near 3 MPa)"
+    )
+    needs = "It needs the widest 0.4 ± 0.04 of the area open; at 5 MPa, 0.38 is open."
+    assert connection_sentences([result]) == [
+        f"The gap connects across the surface: {answer}. {needs}"
+    ]
+    open_steps = tuple(replace(steps[0], mean_pressure=s.mean_pressure) for s in steps)
+    (sentence,) = connection_sentences([result, replace(result, steps=open_steps)])
+    assert "yes on 1, no on 1 of 2 surfaces at 4 MPa" in sentence.replace(
+        "no on 1, yes on 1", "yes on 1, no on 1"
+    )
 
 
 def test_units_are_those_of_the_quantities():

@@ -79,6 +79,8 @@ def run(
     # `_mean_row` in `harness/solving/method_results.py` computes the number behind each
     # ± of this table, from the errors that `LoadStep.row` in `results.py` lists.
     console.print(tables.results_table(results, console.width))
+    for sentence in tables.leak_sentences(results):
+        print_sentence(console, sentence)
     tables.print_surface_notes(console, chosen, results)
     for sentence in _sentences_on_models(chosen, results):
         print_sentence(console, sentence)

@@ -31,7 +31,12 @@ from epcontact.harness.verdict.overview import (
     tightest_gates,
     uncovered_sentence,
 )
-from epcontact.output.loads import Row, difference_text, load_cells
+from epcontact.output.loads import (
+    Row,
+    connection_sentences,
+    difference_text,
+    load_cells,
+)
 from epcontact.results import COLUMNS
 
 #: The style of each status of a case or gate.
@@ -193,6 +198,20 @@ def subjects_table(verdict: Verdict, width: int) -> Table:
         counts = map(str, (len(cases), held, len(gates)))
         table.add_row(subject, *counts, margin, case_id)
     return fit_table(table, width)
+
+
+def leak_sentences(results: Mapping[str, MethodResults]) -> list[str]:
+    """Return sentences that say whether the gap and the contact connect across the
+    surface, by each method that measures it.
+
+    `results` are those of a case by method.
+    """
+    sentences = []
+    for name, method in results.items():
+        if method.results:
+            for sentence in connection_sentences(method.results):
+                sentences.append(f"{name}: {sentence}")
+    return sentences
 
 
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:

@@ -1,4 +1,5 @@
-"""The loads of a path as a table of texts, from the rows of a method's JSON file.
+"""The loads of a path as a table of texts, from the rows of a method's JSON file, and
+sentences on what connects across the surface.
 
 A row has a branch ("loading", "unloading" or "reloading") and, by the names of COLUMNS,
 a mean over the surfaces, its error and the parts of the error by their sources.  The
@@ -7,12 +8,15 @@ error is None if it is not known.
 
 from __future__ import annotations
 
+import collections
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from statistics import fmean
+from typing import Any, NamedTuple
 
 from epcontact.output.charts.style import unit_for
-from epcontact.results import COLUMNS
+from epcontact.results import COLUMNS, ContactResult
 
 #: Relative differences below this are those of rounding, and are shown without digits.
 _ROUNDING = 1e-6
@@ -98,3 +102,133 @@ def _cell(entry: Row | None, scale: float) -> str:
     if error == 0:
         return f"{mean:.4g}"
     return f"{mean:.4g} ± {error:.2g}"
+
+
+class _Connection(NamedTuple):
+    """Whether the gap or the contact connects across the surfaces at one load.
+
+    Attributes:
+        pressure: the mean pressure in Pa.
+        areas: for each surface the fraction of the nominal area that is open, or in
+            contact.
+        needed: for each surface the fraction at which it would first connect, the
+            widest gaps or the closest points first.
+        errors: for each surface the error estimate of `needed`.
+        answer: "yes", "no", "undecided within its error", or on how many of several
+            surfaces it is each of these.
+    """
+
+    pressure: float
+    areas: Sequence[float]
+    needed: Sequence[float]
+    errors: Sequence[float]
+    answer: str
+
+    @property
+    def margin(self) -> float:
+        """The mean area less that which is needed; positive if it connects."""
+        return fmean(self.areas) - fmean(self.needed)
+
+
+#: What can connect, with the ends of its sentence: what it needs, and what it has; {}
+#: is a fraction of the nominal area.
+_PARTS = {
+    "gap": ("the widest {} of the area open", "{} is open"),
+    "contact": ("the closest {} of the area in contact", "{} is in contact"),
+}
+
+
+def connection_sentences(results: Sequence[ContactResult]) -> list[str]:
+    """Return sentences that say at which loads the gap and the contact connect.
+
+    A gap that connects across the surface leaks.  What connects meets its own image in
+    the next period; the answer compares the area with the smallest one that connects.
+
+    Args:
+        results: the results of one method, one for each surface.  Of a load without a
+            percolation fraction nothing is said.
+
+    Returns:
+        A sentence on the gap and one on the contact; none without their values.
+    """
+    sentences = []
+    for part in _PARTS:
+        name = f"{part}_percolation"
+        loads = []
+        for steps in zip(*(result.steps for result in results), strict=True):
+            rows = [step.row for step in steps]
+            if all(name in row for row in rows):
+                loads.append(_connection(rows, part))
+        if loads:
+            sentences.append(_connection_sentence(part, loads))
+    return sentences
+
+
+def _connection(rows: Sequence[Mapping[str, float]], part: str) -> _Connection:
+    """Return whether the gap or the contact connects at a load.
+
+    Args:
+        rows: for each surface the columns of the load, see `LoadStep.row`.
+        part: "gap" or "contact".
+    """
+    name = f"{part}_percolation"
+    needed = [row[name] for row in rows]
+    errors = [row.get(f"{name}_error", 0.0) for row in rows]
+    areas = []
+    answers = []
+    for row, fraction, error in zip(rows, needed, errors, strict=True):
+        area = row["total_area"]
+        if part == "gap":
+            area = 1 - area
+        areas.append(area)
+        margin = area - fraction
+        if abs(margin) <= math.hypot(error, row.get("total_area_error", 0.0)):
+            answers.append("undecided within its error")
+        else:
+            answers.append("yes" if margin > 0 else "no")
+    counts = collections.Counter(answers)
+    answer = answers[0]
+    if len(counts) > 1:
+        parts = [f"{answer} on {count}" for answer, count in counts.items()]
+        answer = f"{', '.join(parts)} of {len(rows)} surfaces"
+    return _Connection(rows[0]["mean_pressure"], areas, needed, errors, answer)
+
+
+def _connection_sentence(part: str, loads: Sequence[_Connection]) -> str:
+    """Return the sentence on the gap or the contact of `connection_sentences`.
+
+    Args:
+        part: "gap" or "contact".
+        loads: whether it connects at each load, in the order of the path.
+    """
+    needs, has = _PARTS[part]
+    scale, unit = unit_for(max(load.pressure for load in loads), "Pa")
+    by_answer = itertools.groupby(loads, key=lambda load: load.answer)
+    groups = [(answer, [*group]) for answer, group in by_answer]
+    text = groups[0][0]
+    if len(groups) > 1:
+        texts = []
+        for answer, group in groups:
+            pressures = ", ".join(f"{load.pressure / scale:.4g}" for load in group)
+            texts.append(f"{answer} at {pressures} {unit}")
+        text = "; ".join(texts)
+        for before, after in itertools.pairwise(loads):
+            if before.margin * after.margin < 0:
+                weight = before.margin / (before.margin - after.margin)
+                change = before.pressure + weight * (after.pressure - before.pressure)
+                text += f" (it changes near {change / scale:.3g} {unit})"
+                break
+    elif len(loads) > 1:
+        text += " at every load"
+    nearest = min(loads, key=lambda load: abs(load.margin))
+    if len(nearest.needed) == 1:
+        entry = {"mean": nearest.needed[0], "error": nearest.errors[0]}
+        needed = _cell(entry, 1.0)
+    else:
+        needed = f"{min(nearest.needed):.3g} to {max(nearest.needed):.3g}"
+    area = f"{fmean(nearest.areas):.4g}"
+    return (
+        f"The {part} connects across the surface: {text}. It needs "
+        f"{needs.format(needed)}; at {nearest.pressure / scale:.4g} {unit}, "
+        f"{has.format(area)}."
+    )

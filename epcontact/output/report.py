@@ -28,7 +28,8 @@ from epcontact.files import (
 )
 from epcontact.output.charts.figures import Pictures
 from epcontact.output.charts.style import CYCLE, unit_for
-from epcontact.output.loads import difference_text, load_cells
+from epcontact.output.loads import connection_sentences, difference_text, load_cells
+from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
 #: Draws the results of a case into its folder.  The arguments are the id of the case,
@@ -129,6 +130,7 @@ def write_report(
         "counts": _counts,
         "listed": _listed,
         "load_cells": load_cells,
+        "connections": _connections,
         "computed": _scene_rows,
         "sentence": _sentence,
         "notes": _notes,
@@ -349,6 +351,15 @@ def _parity(points: Sequence[Any]) -> dict[str, Any]:
         "pairs": colours,
         "parts": list(dict.fromkeys(point.part for point in points)),
     }
+
+
+def _connections(members: Sequence[Data]) -> list[str]:
+    """Return the sentences on what connects across the surfaces of a method.
+
+    `members` are the results for each surface, from the method's JSON file; see
+    `connection_sentences`.
+    """
+    return connection_sentences([*map(ContactResult.from_json, members)])
 
 
 def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
