@@ -208,6 +208,12 @@ class Material:
     hardness: float = math.inf
     #: The yield stress sigma_Y of J2 flow, in Pa; infinite if it does not flow.
     yield_stress: float = math.inf
+    #: The slope H of the yield stress over the plastic strain in J2 flow, in Pa.
+    hardening_modulus: float = 0.0
+    #: Instead of H, points (plastic strain, yield stress in Pa) of J2 flow.  The first
+    #: one is (0, yield_stress); the stress is linear between them, and constant beyond
+    #: the last one.
+    hardening_curve: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Turn the values into floats; raise InvalidScene if one is out of range."""
@@ -220,6 +226,65 @@ class Material:
         stress = positive("yield_stress", self.yield_stress, "Pa", finite=False)
         set_frozen(self, poisson_ratio=ratio, young_modulus=modulus)
         set_frozen(self, hardness=hardness, yield_stress=stress)
+        hardening = number(
+            "hardening_modulus",
+            self.hardening_modulus,
+            "0 or positive, in Pa",
+            lambda modulus: 0 <= modulus < math.inf,
+        )
+        curve = _checked_curve(self.hardening_curve)
+        set_frozen(self, hardening_modulus=hardening, hardening_curve=curve)
+        _require(
+            not (self.hardens and math.isinf(stress)),
+            "hardening needs the yield_stress at which it begins; give it in Pa",
+        )
+        _require(
+            not (curve and hardening > 0),
+            "hardening_modulus and hardening_curve are two hardening laws; give one",
+        )
+        _require(
+            not curve or curve[0] == (0.0, stress),
+            f"hardening_curve must begin at [0, {stress:g}], a plastic strain of 0 and "
+            "the yield_stress",
+        )
+
+    @property
+    def hardens(self) -> bool:
+        """True if the yield stress grows with the plastic strain."""
+        return self.hardening_modulus > 0 or bool(self.hardening_curve)
+
+
+def _checked_curve(given: Any) -> tuple[tuple[float, float], ...]:
+    """Return a hardening curve as a tuple of points (plastic strain, stress in Pa).
+
+    Args:
+        given: a sequence of such pairs; empty: there is no curve.
+
+    Raises:
+        InvalidScene: There is a single point, or an entry is not a pair of numbers, or
+            the strains do not increase, or a stress is not positive or decreases.
+    """
+    try:
+        curve = tuple((float(strain), float(stress)) for strain, stress in given)
+    except (TypeError, ValueError):
+        raise InvalidScene(
+            f"hardening_curve is {given!r:.60}, but must be a list of pairs: plastic "
+            "strain, yield stress in Pa"
+        ) from None
+    _require(len(curve) != 1, "hardening_curve has one point; give two or more")
+    for point in curve:
+        _require(
+            all(math.isfinite(value) for value in point) and point[1] > 0,
+            f"hardening_curve has the point {list(point)}; give finite strains and "
+            "positive stresses in Pa",
+        )
+    for before, after in itertools.pairwise(curve):
+        _require(
+            before[0] < after[0] and before[1] <= after[1],
+            f"hardening_curve goes from {list(before)} to {list(after)}, but plastic "
+            "strains must increase, and stresses must not decrease",
+        )
+    return curve
 
 
 @dataclass(frozen=True)
@@ -365,8 +430,13 @@ def scene_digest(
         "periods": [repr(float(period)) for period in periods],
     }
     for part in (material, body, load):
-        values = asdict(part).items()
-        content[type(part).__name__] = {name: repr(value) for name, value in values}
+        values = asdict(part)
+        if part is material and not material.hardens:
+            # The digests of earlier versions, which had no hardening.
+            del values["hardening_modulus"], values["hardening_curve"]
+        content[type(part).__name__] = {
+            name: repr(value) for name, value in values.items()
+        }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

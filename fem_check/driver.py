@@ -225,12 +225,7 @@ def problem_of(scene: Scene, options: FemOptions, threads: int | None = 1) -> Pr
     material = scene.material
     block = block_for(scene, options)
     require_memory(scene, options, block)
-    yield_stress = math.inf
-    if options.law == "j2":
-        yield_stress = material.yield_stress
-    law = plasticity.j2_law(
-        material.young_modulus, material.poisson_ratio, yield_stress, options.hardening
-    )
+    law = plasticity.law_of(material, flows=options.law == "j2")
     flat = flat_elements(block)
     if threads is None:
         threads = available_cores()

@@ -103,9 +103,9 @@ def advance(
         steps = stepping.steps
     for end in _increment_ends(target, progress.farthest, steps):
         trial_end = end
-        # A perfectly plastic body may have no equilibrium under a larger load.
+        # A body that saturates may have no equilibrium under a larger load.
         grows = stepping.first_touch is None and end > progress.position
-        may_flow = grows and problem.perfectly_plastic
+        may_flow = grows and problem.may_flow_freely
         while progress.position != end:
             try:
                 solved = _solve_to(

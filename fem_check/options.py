@@ -14,7 +14,6 @@ from epcontact.scene import (
     as_tuple,
     fraction,
     integer,
-    number,
     positive,
     set_frozen,
 )
@@ -58,7 +57,6 @@ class FemOptions:
         tolerance: on the dimensionless residuals.
         approach: path of the flat since the first touch, in m, which replaces the mean
             pressures of the scene; None: the mean pressures.
-        hardening: modulus H of linear isotropic hardening, in Pa.
         certified: whether scikit-fem's own assembly checks the last state.
 
     Raises:
@@ -91,7 +89,6 @@ class FemOptions:
     approach: float | Sequence[float] | None = _option(
         None, "path of the flat since the first touch, m, instead of mean pressures"
     )
-    hardening: float = _option(0.0, "H of linear isotropic hardening, Pa", ge=0)
     certified: bool = _option(
         True, "whether scikit-fem's own assembly checks the last state"
     )
@@ -112,7 +109,6 @@ class FemOptions:
             "steps": count,
             "tolerance": fraction,
             "approach": _approaches,
-            "hardening": _hardening,
         }
         for name, check in checks.items():
             value = getattr(self, name)
@@ -143,17 +139,6 @@ def _require_one_of(name: str, value: Any, choices: Sequence[str]) -> None:
     if value not in choices:
         expected = ", ".join(choices[:-1]) + f" or {choices[-1]}"
         raise InvalidScene(f"{name} is {value!r}, but must be {expected}")
-
-
-def _hardening(name: str, value: Any) -> float:
-    """Return a hardening modulus in Pa as a float.
-
-    Raises InvalidScene if `value` is negative, infinite or no number; `name` is that of
-    the option in the message.
-    """
-    return number(
-        name, value, "0 or positive, in Pa", lambda modulus: 0 <= modulus < math.inf
-    )
 
 
 def _approaches(name: str, value: Any) -> tuple[float, ...]:

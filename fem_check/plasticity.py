@@ -1,9 +1,9 @@
 """Small-strain J2 plasticity with radial return, at a point and over all elements.
 
 Stress and strain have the tensor components xx, yy, zz, xy, yz, zx.  With the shear
-modulus mu, the bulk modulus K, the yield stress sigma_Y, the modulus H of linear
-isotropic hardening, a strain e, its plastic part e_p and the accumulated plastic strain
-a, radial return is
+modulus mu, the bulk modulus K, the yield stress sigma_Y, the modulus H of isotropic
+hardening, a strain e, its plastic part e_p and the accumulated plastic strain a, radial
+return is
 
     s_trial = 2 mu (dev e - e_p)
     R = sqrt(2/3) (sigma_Y + H a)
@@ -20,10 +20,11 @@ a, radial return is
     theta = 1 - excess/|s_trial|
     theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)
 
-(box 3.2).  Another hardening law changes `J2Law`, `j2_law`, `_yield_radius`,
-`_plastic_excess` and `plastic_work_density` here, an option in `options`, the call of
-`j2_law` in `driver`, and the table of stresses in `epcontact/peers/calculix.py`.  A law
-that is not linear also needs the accumulated strain in `_plastic_excess`.
+(box 3.2).  A tabulated hardening curve has a modulus H and a line sigma_Y + H a in each
+of its segments.  The return ends on the segment that it reaches, on whose line R is
+taken, so that the formulas above hold there.  Another hardening law changes `J2Law`,
+`law_of`, `_plastic_excess` and `plastic_work_density` here; `.docs/extend.md` names the
+other places.
 
 Only elements that have flowed have a history (e_p, a): they are few, and a history is
 large.  Two compiled loops work on LANES elements at a time (`lanes`).  `_stress_update`
@@ -37,6 +38,7 @@ stiffness.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from math import sqrt
@@ -46,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epcontact.results import FloatArray
+from epcontact.scene import Material
 from fem_check.element import (
     Elements,
     deviatoric_stiffness,
@@ -66,6 +69,8 @@ from fem_check.workers import SERIAL, Workers
 
 #: sqrt(2/3): |dev s| of a uniaxial stress of 1.
 _ROOT = sqrt(2.0 / 3.0)
+#: The bends of a law without a hardening curve.
+_NO_BENDS: FloatArray = np.empty((0, 2))
 
 
 class J2Law(NamedTuple):
@@ -80,13 +85,51 @@ class J2Law(NamedTuple):
         bulk_modulus: K, in Pa.
         yield_stress: sigma_Y in uniaxial tension, in Pa; infinite for an elastic body.
         hardening_modulus: H, the slope of the yield stress over the accumulated plastic
-            strain, in Pa.
+            strain, in Pa; of a hardening curve that of the first segment.
+        bends: (n, 2) points where the slope of a hardening curve changes: accumulated
+            plastic strain, ascending, and change of the slope in Pa.  Without a curve
+            there are none.
     """
 
     shear_modulus: float
     bulk_modulus: float
     yield_stress: float
     hardening_modulus: float = 0.0
+    bends: FloatArray = _NO_BENDS
+
+    @property
+    def saturates(self) -> bool:
+        """True if the yield stress of the law is bounded: a body can flow freely.
+
+        This is so without hardening, and of a curve, which keeps its last stress.
+        """
+        return self.hardening_modulus == 0 or len(self.bends) > 0
+
+
+def law_of(material: Material, flows: bool) -> J2Law:
+    """Return the law of a material.
+
+    Args:
+        material: elastic constants, yield stress and hardening.
+        flows: whether it flows; otherwise the law has an infinite yield stress.
+    """
+    elastic = j2_law(material.young_modulus, material.poisson_ratio, math.inf)
+    if not flows:
+        return elastic
+    if not material.hardening_curve:
+        return j2_law(
+            material.young_modulus,
+            material.poisson_ratio,
+            material.yield_stress,
+            material.hardening_modulus,
+        )
+    strain, stress = np.transpose(material.hardening_curve)
+    slopes = np.append(np.diff(stress) / np.diff(strain), 0.0)
+    return elastic._replace(
+        yield_stress=float(stress[0]),
+        hardening_modulus=float(slopes[0]),
+        bends=np.stack([strain[1:], np.diff(slopes)], axis=1),
+    )
 
 
 def j2_law(
@@ -95,7 +138,7 @@ def j2_law(
     yield_stress: float,
     hardening_modulus: float = 0.0,
 ) -> J2Law:
-    """Return the law of a J2 material from its engineering constants.
+    """Return the law of a J2 material with linear hardening, or without hardening.
 
     Args:
         young_modulus: in Pa.
@@ -120,36 +163,60 @@ def _yield_radius(accumulated, law):
         accumulated: accumulated plastic strain, dimensionless.
         law: a `J2Law` with its four moduli in Pa.
     """
-    return _ROOT * (law.yield_stress + law.hardening_modulus * accumulated)
+    stress = law.yield_stress + law.hardening_modulus * accumulated
+    for k in range(law.bends.shape[0]):
+        if accumulated <= law.bends[k, 0]:
+            break
+        stress += law.bends[k, 1] * (accumulated - law.bends[k, 0])
+    return _ROOT * stress
 
 
 @inlined
-def _plastic_excess(norm, radius, law):
+def _plastic_excess(norm, accumulated, law):
     """Return the stress excess of radial return in Pa, and 1/(1 + H/(3 mu)).
 
     The excess is what a trial stress loses when it returns to the yield surface: 2 mu
-    times the plastic multiplier.  The second value enters the consistent tangent.
+    times the plastic multiplier.  The second value enters the consistent tangent.  The
+    modulus H is that of the curve's segment in which the return ends.
 
     Args:
-        norm: Frobenius norm |s| of the deviatoric trial stress, in Pa, above the
-            radius.
-        radius: of the yield surface in the same norm, in Pa.
-        law: a `J2Law`, with the shear modulus mu and the hardening modulus H in Pa.
+        norm: Frobenius norm |s| of the deviatoric trial stress, in Pa, above the radius
+            of the yield surface.
+        accumulated: accumulated plastic strain before the return, dimensionless.
+        law: a `J2Law`, with moduli and stresses in Pa.
     """
-    resistance = 1 + law.hardening_modulus / (3 * law.shear_modulus)
-    return (norm - radius) / resistance, 1 / resistance
+    # The line of the segment, extended to the strain `accumulated`.
+    slope = law.hardening_modulus
+    stress = law.yield_stress + slope * accumulated
+    resistance = 1 + slope / (3 * law.shear_modulus)
+    excess = (norm - _ROOT * stress) / resistance
+    for k in range(law.bends.shape[0]):
+        # A line that is extended beyond its segment may lie above the trial stress.
+        growth = _ROOT * max(excess, 0.0) / (2 * law.shear_modulus)
+        if accumulated + growth <= law.bends[k, 0]:
+            break
+        slope += law.bends[k, 1]
+        stress += law.bends[k, 1] * (accumulated - law.bends[k, 0])
+        resistance = 1 + slope / (3 * law.shear_modulus)
+        excess = (norm - _ROOT * stress) / resistance
+    return excess, 1 / resistance
 
 
 def plastic_work_density(accumulated: FloatArray, law: J2Law) -> FloatArray:
     """Return the plastic work per volume in J/m^3 after accumulated plastic strains.
 
-    sigma_Y a + H a^2/2 is exact for linear hardening.
+    It is sigma_Y a + H a^2/2, and (a - b)^2/2 times the change of the slope for each
+    bend b of a hardening curve below a.
 
     Args:
         accumulated: accumulated plastic strains a, of any shape, dimensionless.
-        law: with the yield stress sigma_Y and the hardening modulus H, in Pa.
+        law: with the yield stress sigma_Y, the hardening modulus H and the changes of
+            the slope in Pa.
     """
-    return law.yield_stress * accumulated + law.hardening_modulus * accumulated**2 / 2
+    work = law.yield_stress * accumulated + law.hardening_modulus * accumulated**2 / 2
+    for strain, change in law.bends:
+        work += change * np.maximum(accumulated - strain, 0.0) ** 2 / 2
+    return work
 
 
 def layer_stiffness(bricks: Elements, law: J2Law) -> tuple[FloatArray, FloatArray]:
@@ -280,7 +347,9 @@ def _trial_stress(s, at, p, history, row, q, law):
     plastic_fraction = 0.0
     if squared > radius * radius:
         norm = sqrt(squared)
-        excess, plastic_fraction = _plastic_excess(norm, radius, law)
+        excess, plastic_fraction = _plastic_excess(
+            norm, history.accumulated[row, q], law
+        )
     return (xx, yy, zz, xy, yz, zx), norm, excess, plastic_fraction
 
 

@@ -164,9 +164,9 @@ class Problem:
         return math.isfinite(self.law.yield_stress)
 
     @property
-    def perfectly_plastic(self) -> bool:
-        """True if the problem's material flows without hardening."""
-        return self.plastic and self.law.hardening_modulus == 0
+    def may_flow_freely(self) -> bool:
+        """True if the problem's material flows at a bounded yield stress."""
+        return self.plastic and self.law.saturates
 
     @property
     def capped(self) -> bool:

@@ -37,6 +37,8 @@ TOTAL = 'quantity = "area.total.corrected"\nof = "bem"\nagainst = "persson"'
 MEASURED = (
     'quantity = "quantity.measured_force"\nof = "persson"\nagainst = 0.0\nsource = "0"'
 )
+YIELD = "yield_stress = 2.3077e+09"
+CURVE = f"{YIELD}\nhardening_curve = [[0.0, 2.3077e9], [0.1, 3e9]]"
 OMIT = '[[omit]]\nof = "bem"\n[load]'
 GATE = SMALL_CASE[SMALL_CASE.index("[[gate]]") :]
 
@@ -116,6 +118,11 @@ MISTAKES = [
     ),
     (TOTAL, MEASURED, r"gate 1: quantity\.measured_force .* persson has none"),
     (f"{GRID}\nseeds = [3, 5, 7]", NO_SIZE, "given by size have no size in common"),
+    (
+        "hardness = 6.0e9",
+        "hardness = 6.0e9\nyield_stress = 2.0e9\nhardening_modulus = 1e9",
+        "hardening_modulus has no effect: theory and boundary elements have one",
+    ),
 ]
 #: The same of a family.
 OF_FAMILY = [
@@ -138,6 +145,35 @@ OF_J2 = [
         "",
         r"fem\.law is 'j2', but \[material\] yield_stress is missi",
     ),
+    (
+        "hardness = 6.9231e+09",
+        'hardness = "effective"\nhardening_modulus = 1e9',
+        "the cap that stands for J2 flow without hardening; leave hardening_modulus",
+    ),
+    (YIELD, f"{CURVE}\nhardening_modulus = 1e9", "two hardening laws; give one"),
+    (
+        YIELD,
+        f"{YIELD}\nhardening_modulus = -1.0",
+        "hardening_modulus is -1.0, but must",
+    ),
+    (
+        YIELD,
+        CURVE.replace("[0.0, 2.3077e9]", "[0.0, 2e9]"),
+        r"must begin at \[0, 2.3077e\+09\]",
+    ),
+    (YIELD, CURVE.replace("0.1", "-0.1"), "plastic strains must increase"),
+    (
+        YIELD,
+        CURVE.replace("], [0.1, 3e9", "], [0.1, 1e9"),
+        "stresses must not decrease",
+    ),
+    (
+        YIELD,
+        CURVE.replace("], [0.1, 3e9", "], [0.1, inf"),
+        "finite strains and positive stresses",
+    ),
+    (YIELD, f"{YIELD}\nhardening_curve = [[0, 2.3077e9]]", "has one point; give two"),
+    (YIELD, CURVE.partition("\n")[2], "hardening needs the yield_stress"),
     (
         'law = "j2"',
         'law = "elastic"\nsteps = 4',
@@ -167,6 +203,15 @@ def test_a_mistake_is_one_sentence(tmp_path, name, old, new, says):
     with pytest.raises(InvalidCase, match=says) as caught:
         _ = [load_case(text) for text in find_named(path)]
     assert all(s.startswith(f"{path}: ") and "\n" not in s for s in caught.value.args)
+
+
+def test_a_code_without_hardening_does_not_solve_a_metal_that_hardens(tmp_path):
+    """`tamaas_j2` beside `fem` is refused for a metal that hardens."""
+    text = J2_CASE.replace('["fem", "bem"]', '["fem", "tamaas_j2"]')
+    path = tmp_path / "fem-model-5.toml"
+    path.write_text(text.replace(YIELD, CURVE), encoding="utf-8")
+    with pytest.raises(InvalidCase, match="tamaas_j2 does not know"):
+        _ = [load_case(text) for text in find_named(path)]
 
 
 def test_what_is_no_case_file_is_refused(tmp_path):

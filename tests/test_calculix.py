@@ -111,6 +111,44 @@ def test_the_gap_is_the_scenes_and_the_numbers_fit_the_format(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("hardening", "expected"),
+    [
+        ({}, [(0.2, 0.0), (0.2, 1.0)]),
+        ({"hardening_modulus": 5.0}, [(0.2, 0.0), (5.2, 1.0)]),
+        (
+            {"hardening_curve": ((0.0, 0.2), (0.1, 0.5), (0.3, 0.6))},
+            [(0.2, 0.0), (0.5, 0.1), (0.6, 0.3)],
+        ),
+    ],
+)
+def test_the_yield_curve_of_the_deck_is_that_of_the_material(
+    tmp_path, hardening, expected
+):
+    """The table *PLASTIC has the points of the curve, and a comment describes it.
+
+    `hardening` are arguments of the material, and `expected` are the rows (stress in
+    Pa, plastic strain) of the table.
+    """
+    scene = rough_scene(8, 2)
+    scene = replace(scene, material=replace(scene.material, **hardening))
+    file = tmp_path / "block.inp"
+    calculix.export(scene, file, {"law": "j2"})
+    lines = file.read_text().splitlines()
+    start = lines.index("*PLASTIC") + 1
+    rows = [
+        tuple(map(float, line.split(",")))
+        for line in lines[start : start + 4]
+        if not line.startswith("*")
+    ]
+    assert rows[: len(expected)] == expected
+    comments = [line for line in lines if line.startswith("** ")]
+    described = any("hardening modulus 5 Pa" in line for line in comments)
+    assert described == ("hardening_modulus" in hardening)
+    described = any("0.5 Pa at 0.1, 0.6 Pa at 0.3" in line for line in comments)
+    assert described == ("hardening_curve" in hardening)
+
+
+@pytest.mark.parametrize(
     ("options", "load", "message"),
     [
         ({"law": "capped"}, 0.05, "laws elastic and j2"),

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from fem_scenes import rough_scene
 
 from epcontact.errors import InvalidScene
-from epcontact.scene import Body
+from epcontact.scene import Body, Material
 from fem_check import FemOptions, mesh_of, plasticity, surface_compliance
 from fem_check.driver import problem_of
 from fem_check.element import CORNERS, elastic_stiffness, elements_of
@@ -21,7 +21,7 @@ from fem_check.mesh import (
     half_space_depth,
     moved_elements,
 )
-from fem_check.plasticity import j2_law
+from fem_check.plasticity import j2_law, law_of
 
 POISSON_RATIOS = [0.0, 0.3, 0.499]
 
@@ -58,16 +58,24 @@ class Brick:
     brick.
     """
 
-    def __init__(self, seed, yield_stress=0.02, hardening_modulus=0.0):
+    def __init__(self, seed, yield_stress=0.02, hardening_modulus=0.0, curve=()):
         """Create the brick; `seed` draws its corners and the displacement.
 
-        `yield_stress` and `hardening_modulus` are in Pa, with E = 2 Pa.
+        `yield_stress` and `hardening_modulus` are in Pa, with E = 2 Pa; `curve` is a
+        hardening curve of points (plastic strain, stress in Pa).
         """
         rng = np.random.default_rng(seed)
         self.corners = CORNERS + 0.1 * rng.standard_normal((8, 3))
         self.elements = elements_of(np.arange(8)[None], np.zeros(1), self.corners[None])
         self.u = 0.05 * rng.standard_normal((8, 3))
-        self.law = j2_law(2.0, 0.3, yield_stress, hardening_modulus)
+        material = Material(
+            2.0,
+            0.3,
+            yield_stress=yield_stress,
+            hardening_modulus=hardening_modulus,
+            hardening_curve=curve,
+        )
+        self.law = law_of(material, flows=True)
         self.history = plasticity.initial_history(1)
 
     def internal_force(self, u):
@@ -79,14 +87,22 @@ class Brick:
         return plasticity.internal_force(u, self.elements, self.law, self.history)
 
 
-@pytest.mark.parametrize("hardening_modulus", [0.0, 0.3])
-def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening_modulus):
+#: A hardening curve (plastic strain, stress in Pa) whose slope falls and rises.  The
+#: strains of a `Brick` reach all of its segments and go beyond its end.
+CURVE = ((0.0, 0.02), (0.01, 0.03), (0.04, 0.031), (0.07, 0.05))
+
+
+@pytest.mark.parametrize(
+    "hardening",
+    [{}, {"hardening_modulus": 0.3}, {"curve": CURVE}],
+)
+def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening):
     """Elastic stiffness plus plastic correction is the central difference of the force.
 
-    `hardening_modulus` is in units of E/2. Five random directions with steps of 1e-7
+    `hardening` are arguments of `Brick`. Five random directions with steps of 1e-7
     agree to 1e-6 of the largest component.
     """
-    brick = Brick(3, hardening_modulus=hardening_modulus)
+    brick = Brick(3, **hardening)
     _, flowing = brick.internal_force(brick.u)
     assert flowing.all()
     correction = plasticity.tangent_correction(
@@ -100,6 +116,38 @@ def test_the_element_tangent_is_the_derivative_of_the_internal_force(hardening_m
         derivative = (ahead - behind) / 2e-7
         scale = np.abs(product).max()
         np.testing.assert_allclose(product, derivative, atol=1e-6 * scale)
+
+
+def test_every_return_ends_on_the_hardening_curve():
+    """After two steps the von Mises stress at each Gauss point is that of the curve.
+
+    The strains of the two steps end in all segments of the curve and beyond its end,
+    and the plastic work is the curve's area up to the strain.
+    """
+    brick = Brick(3, curve=CURVE)
+    history = brick.history
+    strains = []
+    for fraction in (0.2, 0.4, 1.0):
+        arguments = fraction * brick.u, brick.elements, brick.law, history
+        stress = plasticity.stresses(*arguments)[0]
+        _, flowing = plasticity.internal_force(*arguments)
+        history = plasticity.commit(*arguments, flowing)
+        accumulated = history.accumulated[1]
+        deviator = stress.copy()
+        deviator[:3] -= stress[:3].mean(axis=0)
+        squared = (deviator[:3] ** 2).sum(axis=0) + 2 * (deviator[3:] ** 2).sum(axis=0)
+        von_mises = np.sqrt(1.5 * squared)
+        curve = np.interp(accumulated, *np.transpose(CURVE))
+        flowed = accumulated > 0
+        np.testing.assert_allclose(von_mises[flowed], curve[flowed], rtol=1e-12)
+        strains.extend(accumulated[flowed])
+    segments = set(np.searchsorted([strain for strain, _ in CURVE], strains))
+    assert segments == {1, 2, 3, 4}
+    for strain in strains:
+        a = np.append([x for x, _ in CURVE if x < strain], strain)
+        work = np.trapezoid(np.interp(a, *np.transpose(CURVE)), a)
+        computed = plasticity.plastic_work_density(np.array(strain), brick.law)
+        assert computed == pytest.approx(work, rel=1e-12)
 
 
 @pytest.mark.parametrize("yield_stress", [0.02, 1e3])

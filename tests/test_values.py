@@ -52,10 +52,10 @@ def posts():
 def strain():
     """Return a level layer on a load path, and its result by J2 finite elements."""
     surface = Surface(1e-12 * np.cos(np.arange(6) * np.pi / 3), (1e-3,))
-    metal = Material(210e9, 0.3, yield_stress=1e9)
+    metal = Material(210e9, 0.3, yield_stress=1e9, hardening_modulus=40e9)
     load = Load((0.5e9, 3.0e9, 1.0e9))
     scene = Scene(surface, metal, load, Body("bonded_layer", 2e-3))
-    return scene, fem_check.solve(scene, law="j2", layers=3, hardening=40e9)
+    return scene, fem_check.solve(scene, law="j2", layers=3)
 
 
 def hardened(peak=3e9, left=1e9, depth=2e-3, H=40e9):

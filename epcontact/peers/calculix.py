@@ -41,7 +41,7 @@ from epcontact.errors import InvalidScene, NotConverged, sentence_of
 from epcontact.files import atomic_write
 from epcontact.machine import describe_death
 from epcontact.results import ContactResult, FloatArray, LoadStep, Provenance
-from epcontact.scene import Scene
+from epcontact.scene import Material, Scene
 from fem_check.driver import problem_of
 from fem_check.options import FemOptions
 from fem_check.path import nodes_of
@@ -289,11 +289,22 @@ def _material_lines(scene: Scene, options: FemOptions) -> list[str]:
     elastic = (_number(material.young_modulus), _number(material.poisson_ratio))
     lines = ["*MATERIAL, NAME=solid", "*ELASTIC", ", ".join(elastic)]
     if options.law == "j2":
-        # Stress at the plastic strains 0 and 1: hardening is linear.
-        first = material.yield_stress
-        second = first + options.hardening
-        lines += ["*PLASTIC", f"{_number(first)}, 0.", f"{_number(second)}, 1."]
+        lines.append("*PLASTIC")
+        for strain, stress in _yield_curve(material):
+            lines.append(f"{_number(stress)}, {_number(strain)}")
     return [*lines, "*SOLID SECTION, ELSET=block, MATERIAL=solid"]
+
+
+def _yield_curve(material: Material) -> tuple[tuple[float, float], ...]:
+    """Return points (plastic strain, yield stress in Pa) of a material.
+
+    CalculiX, too, takes straight lines between the points, and the last stress beyond
+    the last point.
+    """
+    if material.hardening_curve:
+        return material.hardening_curve
+    first = material.yield_stress
+    return (0.0, first), (1.0, first + material.hardening_modulus)
 
 
 def _step_lines(force: float, options: FemOptions) -> list[str]:
@@ -584,8 +595,21 @@ def _describe(scene: Scene, options: FemOptions) -> list[str]:
         f"E {material.young_modulus:g} Pa, nu {material.poisson_ratio:g}, yield stress "
         f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law "
         f"{options.law}",
+        *_describe_hardening(material),
         f"mean pressures {loads} Pa",
     ]
+
+
+def _describe_hardening(material: Material) -> list[str]:
+    """Return a phrase on the hardening of a material; no phrase if it has none."""
+    if not material.hardens:
+        return []
+    if not material.hardening_curve:
+        return [f"hardening modulus {material.hardening_modulus:g} Pa"]
+    points = [
+        f"{stress:g} Pa at {strain:g}" for strain, stress in _yield_curve(material)
+    ]
+    return [f"yield stress by plastic strain {', '.join(points)}"]
 
 
 def _write_mesh(mesh: Any, path: Any, file: Path) -> None:

@@ -328,12 +328,43 @@ def _bulk_modulus(material: Material) -> float:
     return material.young_modulus / (3 * (1 - 2 * material.poisson_ratio))
 
 
+def _largest_flow(scene: Scene) -> tuple[float, float]:
+    """Return the plastic strain and the stress of a level layer at its largest load.
+
+    At the pressure p, with the strain e and the plastic strain a, the difference q of
+    the principal stresses is q = 2 mu e - 3 mu a, and p = K e + 2/3 q.  While the layer
+    flows, q is the yield stress at a.
+
+    Args:
+        scene: The material and the mean pressures of the path.
+
+    Returns:
+        a: the equivalent plastic strain.
+        q: the difference of the principal stresses, in Pa.
+    """
+    material = scene.material
+    peak = max(scene.load.path)
+    mu = material.young_modulus / (2 * (1 + material.poisson_ratio))
+    if peak <= uniaxial_yield_pressure(material):
+        return 0.0, 2 * mu * peak / oedometric_modulus(material)
+    K = _bulk_modulus(material)
+    curve = material.hardening_curve or ((0.0, material.yield_stress),)
+    last_strain, last_stress = curve[-1]
+    # Without hardening, a is 2/3 of the strain since yield, which is below peak/K.
+    growth = peak / K
+    end = last_strain + growth, last_stress + material.hardening_modulus * growth
+    a, q = np.transpose([*curve, end])
+    pressure = K * (q + 3 * mu * a) / (2 * mu) + 2 / 3 * q
+    at_peak = [float(np.interp(peak, pressure, values)) for values in (a, q)]
+    return at_peak[0], at_peak[1]
+
+
 @FLAT.gives("quantity.approach")
 def _compression(scene: Scene) -> float:
     """Return the approach of a level layer in uniaxial strain, in m.
 
-    The strain is p/M up to the yield pressure, with the oedometric modulus M, and grows
-    with the bulk modulus beyond.  Unloading is elastic while the pressure falls by less
+    At the largest pressure p the strain is (p - 2/3 q)/K, see `_largest_flow`.
+    Unloading with the oedometric modulus M is elastic while the pressure falls by less
     than twice the yield pressure.
 
     Args:
@@ -345,7 +376,6 @@ def _compression(scene: Scene) -> float:
     """
     material = scene.material
     path = scene.load.path
-    M = oedometric_modulus(material)
     yield_pressure = uniaxial_yield_pressure(material)
     peak = max(path)
     fall = peak - path[-1]
@@ -354,8 +384,9 @@ def _compression(scene: Scene) -> float:
     FLAT.require(
         grows and fall < 2 * yield_pressure, "one loading and elastic unloading"
     )
-    plastic_strain = max(0.0, peak - yield_pressure) / _bulk_modulus(material)
-    strain = min(peak, yield_pressure) / M + plastic_strain - fall / M
+    q = _largest_flow(scene)[1]
+    strain = (peak - 2 / 3 * q) / _bulk_modulus(material)
+    strain -= fall / oedometric_modulus(material)
     heights = scene.surface.heights
     return strain * scene.body.depth + float(heights.max() - heights.mean())
 
@@ -364,25 +395,27 @@ def _compression(scene: Scene) -> float:
 def _plastic_strain(scene: Scene) -> float:
     """Return the equivalent plastic strain of a level layer after its largest load.
 
-    It is two thirds, the deviatoric part, of the strain since yield.  `scene` holds the
-    material and the mean pressures of the path.
+    Without hardening it is two thirds, the deviatoric part, of the strain since yield.
+    `scene` holds the material and the mean pressures of the path.
     """
-    yield_pressure = uniaxial_yield_pressure(scene.material)
-    excess = max(0.0, max(scene.load.path) - yield_pressure)
-    return 2 / 3 * excess / _bulk_modulus(scene.material)
+    return _largest_flow(scene)[0]
 
 
 @FLAT.gives("quantity.plastic_work")
 def _plastic_work(scene: Scene) -> float:
     """Return the plastic work of a level layer, in J per m^2 of nominal area.
 
-    It is the yield stress times the plastic strain times the depth.  `scene` holds the
-    material, the depth of the layer and the mean pressures of the path.
+    It is the integral of the yield stress over the plastic strain, times the depth.
+    `scene` holds the material, the depth of the layer and the mean pressures of the
+    path.
     """
-    strain = _plastic_strain(scene)
+    strain, stress = _largest_flow(scene)
     if strain == 0:
         return 0.0  # the yield stress may be infinite
-    return scene.material.yield_stress * strain * scene.body.depth
+    first = (0.0, scene.material.yield_stress)
+    curve = [point for point in scene.material.hardening_curve if point[0] < strain]
+    a, q = np.transpose([*(curve or [first]), (strain, stress)])
+    return float(np.trapezoid(q, a)) * scene.body.depth
 
 
 @FLAT.gives("quantity.elastic_energy")
@@ -391,7 +424,7 @@ def _elastic_energy(scene: Scene) -> float:
 
     It is (p^2/(2 K) + q^2/(6 mu)) d, with the mean stress p, the difference q of the
     principal stresses, the bulk modulus K, the shear modulus mu and the depth d.  Flow
-    keeps q at the yield stress.
+    keeps q at the yield stress, see `_largest_flow`.
 
     Args:
         scene: The material, the depth of the layer and the mean pressures of the path,
@@ -403,7 +436,7 @@ def _elastic_energy(scene: Scene) -> float:
     mu = material.young_modulus / (2 * (1 + material.poisson_ratio))
     peak = max(scene.load.path)
     recovered_strain = (peak - scene.load.path[-1]) / M
-    q = min(2 * mu * peak / M, material.yield_stress)
+    q = _largest_flow(scene)[1]
     p = peak - 2 / 3 * q - K * recovered_strain
     q -= 2 * mu * recovered_strain
     return (p**2 / (2 * K) + q**2 / (6 * mu)) * scene.body.depth

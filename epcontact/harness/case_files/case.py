@@ -169,6 +169,7 @@ def _mistakes(case: Case, text: CaseText) -> Iterator[str]:
     # A sweep may give what its case lacks.
     if case.sweep is None and not isinstance(case.surface, SurfaceAbsent):
         yield from _strength_mistakes(case)
+        yield from _hardening_mistakes(case)
     try:
         check_load(case.material, case.load)
         if not all(METHODS[name].follows_unloading for name in case.methods):
@@ -257,6 +258,34 @@ def _strength_mistakes(case: Case) -> Iterator[str]:
             "flows; give hardness in Pa, as 'effective' (the cap that stands for J2 "
             "flow), or as inf for an elastic body"
         )
+
+
+def _hardening_mistakes(case: Case) -> Iterator[str]:
+    """Yield a sentence for each reason why hardening would have no effect.
+
+    A method with a cap on the pressure needs none: its hardness in Pa, which the case
+    must give, is one number for the hardened metal.
+    """
+    solid = case.solid
+    if not (solid.hardening_modulus or solid.hardening_curve):
+        return
+    key = "hardening_curve" if solid.hardening_curve else "hardening_modulus"
+    if solid.hardness == "effective":
+        yield (
+            f"[material] hardness is 'effective', the cap that stands for J2 flow "
+            f"without hardening; leave {key} out, or give the hardness in Pa"
+        )
+    follows = [name for name in case.methods if METHODS[name].follows_hardening]
+    if not follows or case.fem.law != "j2":
+        yield (
+            f"[material] {key} has no effect: theory and boundary elements have one "
+            "largest pressure, and do not know the plastic strain; leave it out, or "
+            "take the method fem with fem.law = 'j2'"
+        )
+    for name in case.methods:
+        method = METHODS[name]
+        if method.has_model_measures and not method.follows_hardening:
+            yield f"{name} does not know [material] {key}; leave one of them out"
 
 
 # --- mistakes of gates

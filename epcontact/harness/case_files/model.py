@@ -108,6 +108,16 @@ class MaterialTable(Table):
         math.inf,
     )
     yield_stress: float = key("Pa; of the J2 solid", math.inf)
+    hardening_modulus: float = key(
+        "Pa; slope of the yield stress of the J2 solid over the plastic strain", 0.0
+    )
+    hardening_curve: list[Annotated[list[float], Field(min_length=2, max_length=2)]] = (
+        key(
+            "instead of a modulus, points [plastic strain, yield stress in Pa]; the "
+            "first is [0, yield_stress], and the last stress stays",
+            [],
+        )
+    )
     thermal_conductivities: Conductivities = key(
         "W/(m K); of the body and of what it touches: each load then has a "
         "thermal_conductance",
@@ -117,7 +127,13 @@ class MaterialTable(Table):
         "S/m; of both likewise, for an electrical_conductance", None
     )
 
-    @field_validator("young_modulus", "poisson_ratio", "hardness", "yield_stress")
+    @field_validator(
+        "young_modulus",
+        "poisson_ratio",
+        "hardness",
+        "yield_stress",
+        "hardening_modulus",
+    )
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
         """Return the value of one key of [material], checked by itself.
@@ -126,7 +142,11 @@ class MaterialTable(Table):
         Raises InvalidScene, a ValueError, if the value is not physical.
         """
         if value != "effective":
-            valid: dict[str, Any] = {"young_modulus": 1.0, "poisson_ratio": 0.0}
+            valid: dict[str, Any] = {
+                "young_modulus": 1.0,
+                "poisson_ratio": 0.0,
+                "yield_stress": 1.0,
+            }
             Material(**{**valid, str(info.field_name): value})
         return value
 

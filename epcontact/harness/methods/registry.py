@@ -235,6 +235,7 @@ class Method:
         has_fields: whether the result has fields on the grid of the surface.
         has_model_measures: whether gates can ask how the J2 flow of the method differs
             from a pressure cap.
+        follows_hardening: whether its J2 flow has the hardening of the material.
         load_files: says who writes the files of each load of a path.  "fields": the
             harness; "bodies": the method itself, into the folder of its option
             `output`; "": nobody, because the method does not follow a path.  Two
@@ -258,6 +259,7 @@ class Method:
     table: str = ""
     has_fields: bool = True
     has_model_measures: bool = False
+    follows_hardening: bool = False
     load_files: Literal["", "fields", "bodies"] = ""
     memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
@@ -533,6 +535,7 @@ _OWN = (
         _fem,
         "fem",
         has_model_measures=True,
+        follows_hardening=True,
         load_files="bodies",
         memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
@@ -567,6 +570,7 @@ _CALCULIX = Method(
     _calculix,
     "fem",
     has_model_measures=True,
+    follows_hardening=True,
     memory=_block_bytes,
     program="ccx",
     abbreviation="CalculiX",

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from epcontact.materials.moduli import effective_modulus
-from epcontact.scene import Body, Scene, Surface
+from epcontact.scene import Body, Material, Scene, Surface
 from epcontact.surfaces import Recipe, unit_of
 
 _BODIES = {
@@ -64,6 +64,7 @@ def describe_scene(
             "Pa",
             "yield stress σ_Y of the J2 solid",
         ),
+        *_hardening(material),
         ("body", _describe_body(scene.body), "", "body"),
         (
             "load_path",
@@ -84,6 +85,19 @@ def describe_scene(
         name: {"value": value, "unit": unit, "meaning": meaning}
         for name, value, unit, meaning in rows
     }
+
+
+def _hardening(material: Material) -> Iterator[_Row]:
+    """Yield the row of the hardening of a material; nothing if it does not harden."""
+    if material.hardening_curve:
+        points = ", ".join(
+            f"{stress:g} Pa at {strain:g}"
+            for strain, stress in material.hardening_curve
+        )
+        yield "hardening_curve", points, "", "yield stress by plastic strain"
+    elif material.hardens:
+        meaning = "slope of the yield stress over the plastic strain"
+        yield "hardening_modulus", material.hardening_modulus, "Pa", meaning
 
 
 def _resolution(surface: Surface) -> Iterator[_Row]:
