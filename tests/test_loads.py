@@ -110,8 +110,8 @@ def test_every_load_has_its_own_figures_and_fields(ran):
             assert found == pytest.approx(scatter, rel=1e-4, abs=1e-9)
         stiffness_error = np.mean([limit.error for limit in loading])
         found = row["stiffness_loading"]["parts"]["grid"]
-        assert found == pytest.approx(stiffness_error, rel=1e-4)
-        grid = np.mean([step.areas["error"].total for step in steps])
+        assert found == pytest.approx(1.19 * stiffness_error, rel=1e-4)
+        grid = 1.19 * np.mean([step.areas["error"].total for step in steps])
         parts = row["total_area"]["parts"]
         assert parts.keys() == {"grid", "scatter"}
         assert parts["grid"] == pytest.approx(grid, rel=1e-4)
@@ -249,7 +249,7 @@ def test_a_mean_gap_has_an_error_of_the_grid_that_covers_the_closed_form():
         )
         step = bem.solve(scene).final
         off = abs(step.row["mean_gap"] - 0.01 * line_mean_gap(load))
-        claims.append(step.row["mean_gap_error_by_grid"])
+        claims.append(step.quantities["mean_gap_error_by_grid"])
         assert 0 < off < claims[-1] < 0.05 * step.row["mean_gap"]
     assert max(claims[3:]) < min(claims[:3])
 
@@ -474,14 +474,15 @@ def test_conductances_are_those_of_both_bodies_conductivities(write_case, tmp_pa
 
 
 def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
-    """The grid error of a gate against a number includes the error by the hardness.
+    """The grid error of a gate against a number includes the error by the hardness.  An
+    error estimate of the grid covers nine of ten errors, and 1.19 times it 95 %.
 
     Between two methods with one hardness it does not.
     """
     case, answer, _ = metal
     judged = judge_case(case, {"bem": MethodResults((answer,), ("seed3",))}).gates[0]
     areas = answer.final.areas
-    claim = np.hypot(areas["error"].total, areas["hardness_error"].total) / 0.1
+    claim = np.hypot(1.19 * areas["error"].total, areas["hardness_error"].total) / 0.1
     assert judged.grid_error == pytest.approx(claim)
     mine = MethodResults((answer,), ("seed3",))
     other = MethodResults((replace(answer, method="other"),), ("seed3",))
@@ -489,5 +490,5 @@ def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
     against = case.changed(gates=(shared,), methods=("bem", "persson"))
     judged = judge_case(against, {"bem": mine, "persson": other}).gates[0]
     # Two results with one hardness share its error, which does not count.
-    claim = areas["error"].total / areas["corrected"].total
+    claim = 1.19 * areas["error"].total / areas["corrected"].total
     assert judged.grid_error == pytest.approx(claim)

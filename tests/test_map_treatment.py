@@ -348,7 +348,7 @@ def test_errors_of_edges_are_a_part_of_the_error_of_each_value(solve):
     row = result.final.row
     for name in COLUMNS.keys() & surface.treatment_errors.keys() & row.keys():
         scale = row["total_area"] if name.endswith("area") else row[name]
-        expected = surface.treatment_errors[name] * scale
+        expected = 1.19 * surface.treatment_errors[name] * scale  # at 95 %
         found = row[f"{name}_error_by_treatment"]
         assert found == pytest.approx(expected, rel=1e-12)
     assert row["mean_gap_error"] >= row["mean_gap_error_by_treatment"] > 0

@@ -631,11 +631,12 @@ def result_of_seed(seed):
 
 
 def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
-    """The `repr` of a result states its last area with its error, and its HTML is the
+    """The `repr` of a result states its last area with its error at 95 % (1.19 times
+    the estimate of 0.206), and its HTML is the
     table of loads.
     """
     result = result_of_seed(0)
-    described = "1 load, contact area 0.253 ± 0.21 at 1.25e+10 Pa"
+    described = "1 load, contact area 0.253 ± 0.25 at 1.25e+10 Pa"
     assert repr(result) == f"<ContactResult of bem: {described}>"
     table = ET.fromstring(result._repr_html_())
     cells = [cell.text for cell in table.iter("td")]

@@ -292,7 +292,8 @@ def test_a_scalar_that_no_method_has_is_an_error_that_names_those_it_has(case):
 def test_areas_less_sure_than_the_band_do_not_hold(case):
     """A gate counts the estimated grid errors of the areas.
 
-    Two methods on different points share no grid, and the smaller estimate counts. Two
+    An estimate covers nine of ten errors, and 1.19 times it 95 %. Two methods on
+    different points share no grid, and the smaller estimate counts. Two
     solvers on the same points share the error of their grid. Beside a theory, the
     estimate of the grid method counts; an unknown one (NaN) never holds.
     """
@@ -308,7 +309,9 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
         given = of_bem(0.1, claim=claim, fem=answer("fem", 0.1, claim=0.03))
         judged = judge_case(gates, given)
         assert [gate.status for gate in judged.gates] == [status, status]
-    assert "± 0.3 (of which 0.3 is claimed)" in str(judged.gates[1])
+    assert "± 0.36 (of which 0.36 by the grid, hardness or treatment)" in str(
+        judged.gates[1]
+    )
     # Two solvers on the same points share the error of their grid.
     for claim, status in (
         (0.03, "holds"),
@@ -379,7 +382,11 @@ def test_files_say_what_the_verdict_says(case, tmp_path):
     (gate_verdict,) = written.cases[0].gates
     assert gate_verdict.difference.mean == pytest.approx(0.21)
     assert gate_verdict.value.claimed_error == pytest.approx(0.7 * 0.002)
-    assert gate_verdict.grid_error == pytest.approx(0.7 * 0.002 / 0.05)
+    assert gate_verdict.grid_error == pytest.approx(1.19 * 0.7 * 0.002 / 0.05)
+    scatter = gate_verdict.value.half_width
+    error = math.hypot(scatter, 1.19 * 0.7 * 0.002)
+    assert gate_verdict.value.error_95 == pytest.approx(error)
+    assert gate_verdict.reference.error_95 == 0
     suites = ET.parse(tmp_path / "junit.xml").getroot()
     assert suites.attrib["failures"] == "1"
     properties = {}

@@ -79,6 +79,7 @@ def run(
     # `_mean_row` in `harness/solving/method_results.py` computes the number behind each
     # ± of this table, from the errors that `LoadStep.row` in `results.py` lists.
     console.print(tables.results_table(results, console.width))
+    print_sentence(console, tables.MEANING_OF_ERRORS)
     for sentence in tables.leak_sentences(results):
         print_sentence(console, sentence)
     tables.print_surface_notes(console, chosen, results)
@@ -299,6 +300,7 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
     if with_loads and case.case.lists_loads and is_solved:
         print_text(f"\nloads of {case.id}")
         console.print(tables.results_table(case.results, console.width))
+        print_sentence(console, tables.MEANING_OF_ERRORS)
     if case.case.told_hardness:
         print_sentence(console, f"{case.id}: {case.case.told_hardness}")
     tables.print_shortfalls(console, case)

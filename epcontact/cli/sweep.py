@@ -10,8 +10,8 @@ import pandas as pd
 
 from epcontact.cli.main import print_text
 from epcontact.cli.options import case_size, run_options, show_progress
-from epcontact.cli.tables import loads_table
-from epcontact.cli.terminal import open_console
+from epcontact.cli.tables import MEANING_OF_ERRORS, loads_table
+from epcontact.cli.terminal import open_console, print_sentence
 from epcontact.errors import EpcontactError
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.tasks import Run
@@ -91,6 +91,7 @@ def _print_points(swept: Swept) -> None:
     for name in swept.quantities:
         units[name.removeprefix("quantity.")] = QUANTITIES[name].unit.strip("–")
     console.print(loads_table(shown, "point", console.width, **units))
+    print_sentence(console, MEANING_OF_ERRORS)
     hidden = len(swept.loads) - len(shown)
     if hidden > 0:
         print_text(f"and {hidden} more")

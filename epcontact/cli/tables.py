@@ -61,12 +61,12 @@ def loads_table(
     A terminal with fewer columns than WIDE gets a line for each cell.  The elastic area
     is left out, because it is in the files.
 
-    A cell "mean ± error" is written by `epcontact.output.loads._cell`.  The error is
-    computed from the solved load steps by `_mean_row` in
-    `epcontact/harness/solving/method_results.py`: it is the root of the sum of squares
-    of its parts.  Of the area, the column "error of the total area by" lists the parts.
-    The part "scatter" is half the 95 % interval of the mean over the surfaces; the
-    solver reports the other parts for each load (`LoadStep.row` in
+    A cell "mean ± error" has the half-width of a 95 % interval; it is written by
+    `epcontact.output.loads._cell`.  The error is computed from the solved load steps by
+    `_mean_row` in `epcontact/harness/solving/method_results.py`: it is the root of the
+    sum of squares of its parts.  Of the area, the column "error of the total area by"
+    lists the parts.  The part "scatter" is half the 95 % interval of the mean over the
+    surfaces; the solver reports the other parts for each load (`LoadStep.row` in
     `epcontact/results.py`).
 
     Args:
@@ -214,6 +214,13 @@ def leak_sentences(results: Mapping[str, MethodResults]) -> list[str]:
     return sentences
 
 
+#: The meaning of ± in every table, printed below the tables of loads.
+MEANING_OF_ERRORS = (
+    "±: half the width of the 95 % interval, from the grid, the treatment of a map, "
+    "the hardness and the scatter of surfaces, as far as they are known"
+)
+
+
 def cases_table(cases: Sequence[CaseVerdict], width: int) -> Table:
     """Return a table of cases, each with its tightest gate.
 
@@ -349,11 +356,12 @@ def gamma_sentence(case: Case) -> str:
 def shown_estimate(estimate: Estimate) -> str:
     """Return a mean as text, with " ± " and the half-width of its 95 % interval.
 
-    A mean without an interval stands alone.
+    The interval joins the scatter of the surfaces and all error estimates.  A mean
+    without an interval stands alone.
     """
     mean = f"{estimate.mean:.5g}"
-    if estimate.half_width:
-        return f"{mean} ± {estimate.half_width:.2g}"
+    if estimate.uncertainty:
+        return f"{mean} ± {estimate.uncertainty:.2g}"
     return mean
 
 

@@ -15,9 +15,10 @@ within its band, so an ensemble that is too small to decide does not pass.  Two
 ensembles over the same seeds are compared pair by pair.  A single surface has an
 interval of width 0.
 
-A corrected area, a stiffness and a conductance are estimates of a limit with a error
-estimate, which widens the interval as well, so that a gate does not hold if its values
-are less certain than its band is wide.  If both sides estimate the same limit, the
+A corrected area, a stiffness and a conductance are estimates of a limit with an error
+estimate.  It is scaled to 95 % (see `results.factor_to_95`) and widens the interval as
+well, so that a gate does not hold if its values are less certain than its band is wide.
+If both sides estimate the same limit, the
 smaller error estimate counts, because the better value bounds the error of the other.
 If both follow from pressures at the same points, they share their error, and the
 difference of the error estimates counts.  A theory and a published number have no error
@@ -75,6 +76,16 @@ class Estimate(Record):
         default=None,
         description="error estimate of the mean, as reported by the method",
     )
+    error_95: Number | None = Field(
+        default=None,
+        description="half the width of the 95 % interval of the mean from all errors: "
+        "scatter, grid, hardness and treatment",
+    )
+
+    @property
+    def uncertainty(self) -> float:
+        """Half the width of the 95 % interval from all known errors of the mean."""
+        return self.half_width if self.error_95 is None else self.error_95
 
 
 def estimate(values: Sequence[float]) -> Estimate:
@@ -309,8 +320,8 @@ class GateVerdict(Record):
     difference: Estimate | None = None
     grid_error: Number | None = Field(
         default=None,
-        description="error estimate of values at a vanishing grid spacing, which "
-        "widens the interval of the difference",
+        description="error of the values by the grid, the hardness and the treatment, "
+        "at 95 %, which widens the interval of the difference",
     )
     half_width: Number = Field(
         default=0.0,
@@ -350,7 +361,9 @@ class GateVerdict(Record):
             return f"{self.name}: {self.error}"
         grid = ""
         if self.grid_error:
-            grid = f" (of which {self.grid_error:.2g} is claimed)"
+            grid = (
+                f" (of which {self.grid_error:.2g} by the grid, hardness or treatment)"
+            )
         return (
             f"{self.name}: difference {self.difference.mean:+.4g} "
             f"± {self.half_width:.2g}{grid} must lie in [{self.low:g}, {self.high:g}] "

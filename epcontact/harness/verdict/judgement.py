@@ -53,9 +53,15 @@ from epcontact.harness.verdict.digest import digest_of
 from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.run_info import RunInfo
 from epcontact.reference import CLOSED_FORMS
-from epcontact.results import PressureDistribution, package_versions
+from epcontact.results import (
+    PressureDistribution,
+    factor_to_95,
+    package_versions,
+)
 
 SKIPPED: Literal["skipped"] = "skipped"
+#: Sources of the error of a quantity, beside the grid and the scatter of surfaces.
+_OTHER_SOURCES = ("hardness", "treatment")
 
 
 class MethodEntry(Record):
@@ -487,7 +493,7 @@ def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[f
 def _with_error_estimate(
     gate: Gate, mean: Estimate | None, results: MethodResults | None
 ) -> Estimate | None:
-    """Return a mean together with the mean of the error estimates of its values.
+    """Return a mean together with its errors.
 
     Args:
         gate: names the quantity.
@@ -495,8 +501,10 @@ def _with_error_estimate(
         results: the results of this method; None: the mean is no method's.
 
     Returns:
-        A copy of `mean` with `claimed_error`; `mean` itself, if the method does not
-        report an error estimate of the quantity.
+        A copy of `mean` with `claimed_error`, the mean of the error estimates as the
+        method reports them, and `error_95`, in which the errors by all sources and by
+        the scatter are joined; `mean` itself, if the method does not report an error
+        estimate of the quantity.
     """
     error_name = error_name_of(gate.quantity)
     if mean is None or results is None or not error_name:
@@ -504,7 +512,28 @@ def _with_error_estimate(
     error = _mean_if_reported(results, error_name)
     if error is None:
         return mean
-    return mean.model_copy(update={"claimed_error": _infinite_if_nan(error)})
+    parts = [mean.half_width, _infinite_if_nan(error) * factor_to_95("grid")]
+    for source in _OTHER_SOURCES:
+        by_source = _mean_if_reported(results, _name_by_source(gate, source))
+        if by_source is not None:
+            parts.append(by_source * factor_to_95(source))
+    return mean.model_copy(
+        update={
+            "claimed_error": _infinite_if_nan(error),
+            "error_95": math.hypot(*parts),
+        }
+    )
+
+
+def _name_by_source(gate: Gate, source: str) -> str:
+    """Return the name of the error of a gate's quantity that one source causes.
+
+    `source` is one of `_OTHER_SOURCES`.
+    """
+    if gate.quantity.startswith("quantity."):
+        return f"{gate.quantity}_error_by_{source}"
+    error_name = error_name_of(gate.quantity)
+    return error_name.replace(".error", f".{source}_error")
 
 
 def _infinite_if_nan(error: float) -> float:
@@ -525,7 +554,9 @@ def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
         sides: the results of its one or two methods.
 
     Returns:
-        The error, in the unit of the quantity; None if no error estimate counts.
+        The half-width of a 95 % interval, in the unit of the quantity: error estimates
+        that cover nine of ten errors are scaled by `factor_to_95`.  None if no error
+        estimate counts.
     """
     error_name = error_name_of(gate.quantity)
     against_closed_form = isinstance(gate.against, str) and len(sides) == 1
@@ -540,15 +571,15 @@ def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
     on_same_points = all(_is_of_points(side) for side in sides)
     if len(errors) == 2 and math.inf not in errors and on_same_points:
         total = abs(errors[0] - errors[1])
-    for source in ("hardness", "treatment"):
-        name = error_name.replace(".error", f".{source}_error")
-        if gate.quantity.startswith("quantity."):
-            name = f"{gate.quantity}_error_by_{source}"
+    if total is not None:
+        total *= factor_to_95("grid")
+    for source in _OTHER_SOURCES:
+        name = _name_by_source(gate, source)
         by_source = [_mean_if_reported(side, name) for side in sides]
         reported = [error for error in by_source if error is not None]
         # Two results on one map, or under one effective hardness, share this error.
         if len(reported) == 1:
-            total = math.hypot(total or 0.0, reported[0])
+            total = math.hypot(total or 0.0, reported[0] * factor_to_95(source))
     return total
 
 
