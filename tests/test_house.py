@@ -42,7 +42,7 @@ TOKENS = {
     "epcontact.output": 16_621,
     "epcontact.peers": 5_122,
     "epcontact.persson": 13_295,
-    "epcontact.pictures": 3_255,
+    "epcontact.pictures": 4_420,
     "epcontact.planning": 5_093,
     "epcontact.reference": 7_272,
     "epcontact.results": 2_096,

@@ -305,6 +305,8 @@ def test_a_chart_is_the_same_four_files_again(make_chart, tmp_path):
     assert header == [*chart.header]
     assert len(rows) == len(chart.rows)
     assert {len(row) for row in rows} == {len(header)}
+    without_svg = chart.save(tmp_path / "third", vector=False)
+    assert [path.read_bytes() for path in without_svg] == [png, table, caption]
 
 
 # --- what they show

@@ -134,10 +134,10 @@ def ran(tmp_path_factory):
     save = Chart.save
     new_plotter = drawing._plotter
 
-    def save_and_note(chart, path):
-        """Record a chart under the name of its file, and save it."""
+    def save_and_note(chart, path, vector=True):
+        """Record a chart under the name of its file, and save it, as `vector`, too."""
         run.charts[path.name] = chart
-        return save(chart, path)
+        return save(chart, path, vector)
 
     def noting_plotter(size):
         """Return a new 3D plotter of this window size in pixels, whose calls are
@@ -284,14 +284,18 @@ def page_of(path):
     for picture in page.iter("img"):
         kind, _, content = picture.attrib["src"].partition(";base64,")
         assert base64.b64decode(content, validate=True)
-        assert kind in ("data:image/svg+xml", "data:image/png", "data:image/gif")
+        assert kind in ("data:image/webp", "data:image/gif")
         captions.add(picture.get("alt"))
     assert not [*page.iter("script")]
     cells = []
-    for cell in page.iter("td"):
-        data = {name[5:]: v for name, v in cell.items() if name.startswith("data-")}
-        if data:
-            cells.append((data, "".join(cell.itertext())))
+    for row in page.iter("tr"):
+        for cell in row.iter("td"):
+            attributes = [*cell.items()]
+            if "data-field" in cell.attrib:  # a cell of a gate, which its row names
+                attributes += row.items()
+            data = {name[5:]: v for name, v in attributes if name.startswith("data-")}
+            if data:
+                cells.append((data, "".join(cell.itertext())))
     return "".join(page.itertext()), captions, cells
 
 
@@ -885,7 +889,8 @@ def test_nothing_a_case_says_becomes_html(tmp_path):
     first = result | {"notes": [HOSTILE]}
     ensemble = {"surfaces": ["seed7", "seed8"]}
     saved = result | {"ensemble": ensemble, "members": [first, result]}
-    picture = {"uri": "data:image/png;base64,iVBORw0KGgo=", "caption": HOSTILE}
+    picture = {"uri": "data:image/webp;base64,UklGRg==", "caption": HOSTILE}
+    picture["case"] = "case-0"
     write_report(
         tmp_path / "x.html",
         content,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from epcontact.cli.main import print_text
+from epcontact.cli.options import show_progress
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
 from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
-from epcontact.pictures.folder import draw_saved
+from epcontact.pictures.drawn import draw_saved_cases
 
 _file = click.Path(path_type=Path, dir_okay=False)
 
@@ -28,9 +30,14 @@ def report(folder: Path, output: Path | None) -> None:
     FOLDER is the output folder of `epcontact verify`.
     """
     verdict = Verdict.read(folder / "verdict.json")
-    page = report_folder(
-        folder, verdict.content, output, draw=draw_saved, overview=overview(verdict)
-    )
+    with show_progress("report") as progress:
+        page = report_folder(
+            folder,
+            verdict.content,
+            output,
+            draw=partial(draw_saved_cases, progress=progress),
+            overview=overview(verdict),
+        )
     print_text(f"report in {page}")
 
 

@@ -7,11 +7,11 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.table import Table
 
 import epcontact
 from epcontact.cli import options, tables
@@ -29,12 +29,11 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
-from epcontact.harness.solving.tasks import Run
+from epcontact.harness.solving.tasks import Progress, Run
 from epcontact.harness.verdict.files import delete_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
 from epcontact.harness.verdict.overview import cases_by_subject, overview
 from epcontact.harness.verdict.verification import cases_to_verify
-from epcontact.output.charts.figures import Pictures
 from epcontact.surfaces import HeightsFromFile, Mirrored
 
 
@@ -73,8 +72,9 @@ def run(
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     settings = replace(settings, fields=_fields_of_run(fields or "first"), rows=True)
-    with options.show_progress(settings) as reporting:
-        results = run_cases([chosen], reporting)[loaded.id]
+    with options.show_progress("run") as progress:
+        solving = replace(settings, progress=progress)
+        results = run_cases([chosen], solving)[loaded.id]
     console = open_console()
     # `_mean_row` in `harness/solving/method_results.py` computes the number behind each
     # ± of this table, from the errors that `LoadStep.row` in `results.py` lists.
@@ -187,36 +187,39 @@ def verify(
     if with_report:
         require_links_inside(output)  # the report would refuse them after all solves
 
-    def draw(verdict: Verdict) -> None:
-        """Draw the films and the report of a verdict that the options ask for.
+    not_holding: list[str] = []
 
-        The options are --fields film and --report of `epcontact verify`.
-        """
-        if fields == "film":
-            for judged_case in verdict.cases:
-                _draw_films(judged_case.case, output)
-        if with_report:
-            _write_report(verdict, output)
+    def count_case(case: CaseVerdict) -> None:
+        """Note the id of a judged case that does not hold, for the line of progress."""
+        if case.status not in ("holds", "skipped"):
+            not_holding.append(case.id)
 
-    judged: list[CaseVerdict] = []
+    with options.show_progress("verify") as show:
 
-    def live_table(lines: int, width: int) -> Table:
-        """Return the table of the cases that were judged so far, for a terminal.
+        def progress(done: float, total: int, words: str) -> None:
+            """Show the progress, and how many cases do not hold; see `Run.progress`."""
+            if words and not_holding:
+                words += f"; cases that do not hold: {len(not_holding)}"
+            show(done, total, words)
 
-        It has at most `lines` cases for a terminal of `width` columns: those that do
-        not hold, and the last of the others.
-        """
-        by_status = sorted(judged, key=lambda case: case.status != "holds")
-        return tables.cases_table(by_status[-lines:], width)
+        def draw(verdict: Verdict) -> None:
+            """Draw the films and the report of a verdict that the options ask for.
 
-    with options.show_progress(settings, live_table) as reporting:
+            The options are --fields film and --report of `epcontact verify`.
+            """
+            if fields == "film":
+                for judged_case in verdict.cases:
+                    _draw_films(judged_case.case, output)
+            if with_report:
+                _write_report(verdict, output, show)
+
         verdict = epcontact.verify(
             given,
-            reporting,
+            replace(settings, progress=progress),
             size=size,
             solver=solver,
             finish=draw,
-            on_case=judged.append,
+            on_case=count_case,
         )
     try:
         _print_verdict(verdict, output, all_gates, with_report)
@@ -323,31 +326,28 @@ def _counts(verdict: Verdict) -> str:
     return f"{cases}: {', '.join(parts)}"
 
 
-def _write_report(verdict: Verdict, output: Path) -> None:
+def _write_report(verdict: Verdict, output: Path, progress: Progress) -> None:
     """Draw the pictures of all solved cases and write report.html.
 
-    `output` is the folder of the results, in which the report is written.  Raises
-    OutputError if a file cannot be written.
+    Args:
+        verdict: The verdict.
+        output: Folder of the results, in which the report is written.
+        progress: Called as the pictures of each case are drawn.
+
+    Raises:
+        OutputError: A file cannot be written.
     """
-    from epcontact.output.report import report_folder  # with jinja2
+    # Templates and charts take long to load.
+    from epcontact.output.report import report_folder
+    from epcontact.pictures.drawn import draw_solved_cases
 
-    judged_cases = {judged.id: judged for judged in verdict.cases}
-
-    def draw_case(case_id: str, *_: object) -> Pictures:
-        """Draw and return the pictures of a case by its id; a skipped case has none.
-
-        Further arguments of the report are not used.
-        """
-        judged = judged_cases[case_id]
-        if judged.skipped_because:
-            return Pictures(())
-        return _draw(judged.case, judged.results, output)
-
-    report_folder(output, verdict.content, overview=overview(verdict), draw=draw_case)
+    solved = {judged.id: (judged.case, judged.results) for judged in verdict.cases}
+    draw = partial(draw_solved_cases, progress=progress, solved=solved)
+    report_folder(output, verdict.content, overview=overview(verdict), draw=draw)
 
 
-def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pictures:
-    """Draw the pictures of a case into its folder and return their names.
+def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> None:
+    """Draw the pictures of a case into its folder.
 
     A picture that cannot be drawn has a sentence on stderr with the reason.
 
@@ -359,10 +359,9 @@ def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Pic
     # Charts take long to load.
     from epcontact.pictures.folder import draw_case
 
-    pictures = draw_case(case, results, case.folder(output))
+    pictures = draw_case(case, results, case.folder(output), vector=True)
     for sentence in pictures.missing:
         print_error(f"epcontact: {sentence}")
-    return pictures
 
 
 def _draw_films(case: Case, output: Path) -> None:

@@ -54,8 +54,9 @@ def sweep(
     any moment, and start it again to go on. `epcontact.harness.sweep.table(FOLDER)`
     reads them as a pandas table.
     """
-    with show_progress(replace(settings, fields=fields)) as reporting:
-        swept = run_sweep(case, reporting, size=size, among=among)
+    with show_progress("sweep") as progress:
+        run = replace(settings, fields=fields, progress=progress)
+        swept = run_sweep(case, run, size=size, among=among)
     _print_points(swept)
     if charts:
         # Charts take long to load.

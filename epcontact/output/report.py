@@ -26,21 +26,20 @@ from epcontact.files import (
     require_links_inside,
     write_text,
 )
-from epcontact.output.charts.figures import Pictures
+from epcontact.output.charts.figures import PAGE_ENDINGS, Pictures
 from epcontact.output.charts.style import CYCLE, unit_for
 from epcontact.output.loads import connection_sentences, difference_text, load_cells
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file
-#: Draws the results of a case into its folder.  The arguments are the id of the case,
-#: the content of the JSON file of each method, and the folder.
-Draw = Callable[[str, Mapping[str, Data], Path], Pictures]
+#: Draws the results of cases.  The argument has the paths of the methods' JSON files by
+#: the ids of the cases; the result has the pictures in the folder of these files.
+Draw = Callable[[Mapping[str, Sequence[Path]]], Mapping[str, Pictures]]
 
 #: Side of the picture of areas against their references, in units of its drawing.
 PARITY_SIZE = 300
 #: Relative width of the grey band around the diagonal of that picture, to each side.
 PARITY_BAND = 0.1
-_MEDIA_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 #: The statuses of cases in the order in which the page counts them.
 _STATUSES = ("holds", "falls short", "error", "skipped")
 #: A longer list of numbers is shown by its first three and its last.
@@ -65,7 +64,7 @@ def report_folder(
         verdict: the content of its verdict.json.
         path: the page to write; None: report.html in the folder.
         overview: the first screen of the page, see `harness.verdict.overview`.
-        draw: draws the pictures of each case; the page shows these.
+        draw: draws the pictures of the cases; the page shows these.
 
     Returns:
         The path of the page.
@@ -77,18 +76,23 @@ def report_folder(
     home = Path(folder)
     require_links_inside(home)
     results: dict[str, dict[str, Data]] = {}
-    pictures: dict[str, list[dict[str, str]]] = {}
-    missing: list[str] = []
+    files: dict[str, list[Path]] = {}
     for case in verdict["cases"]:
         name = case["id"]
         case_folder = path_inside(home, f"{name}/{case['size']}")
         results[name] = {}
+        files[name] = []
         for method in case["methods"]:
             file = path_inside(case_folder, f"{method}.json")
             if file.is_file():
                 results[name][method] = _read_json(file)
-        drawn = draw(name, results[name], case_folder)
-        pictures[name] = _pictures(case_folder, drawn.names)
+                files[name].append(file)
+    pictures: dict[str, list[dict[str, str]]] = {}
+    missing: list[str] = []
+    first_places: dict[str, str] = {}
+    for name, drawn in draw(files).items():
+        folder_of_case = files[name][0].parent
+        pictures[name] = _pictures(folder_of_case, drawn.names, name, first_places)
         missing += drawn.missing
     target = home / "report.html" if path is None else Path(path)
     notes = list(dict.fromkeys(missing))
@@ -111,7 +115,7 @@ def write_report(
         verdict: the content of verdict.json.
         results: the content of the methods' JSON files, by case and method.
         pictures: the pictures of each case.  One has the data of its file as a `uri`,
-            and a `caption`.
+            a `caption`, and the id of the `case` that shows the same picture first.
         notes: sentences for the top of the page.
         overview: the first screen, see `harness.verdict.overview`; None: there is none.
 
@@ -362,30 +366,36 @@ def _connections(members: Sequence[Data]) -> list[str]:
     return connection_sentences([*map(ContactResult.from_json, members)])
 
 
-def _pictures(folder: Path, names: Sequence[str]) -> list[dict[str, str]]:
+def _pictures(
+    folder: Path, names: Sequence[str], case_id: str, first_places: dict[str, str]
+) -> list[dict[str, str]]:
     """Return the pictures of a case with their captions, for the page.
 
     Args:
         folder: the folder of the pictures.
-        names: the names of the pictures without endings.  Of a picture that has several
-            files, .svg is taken before .png and .png before .gif.
+        names: the names of the pictures without endings.
+        case_id: the id of the case.
+        first_places: the case that shows a picture first, by the picture's `uri`.
+            Cases are added to it.
 
     Returns:
-        For each picture that has a file: its content as a data `uri`, and its
-        `caption`, in the alphabetical order of the names.
+        For each picture that has a file: its content as a data `uri`, its `caption`,
+        and the `case` that shows the same picture first, in the alphabetical order of
+        the names.
 
     Raises:
         OutputError: if a file cannot be read.
     """
     pictures = []
     for caption_file in sorted(folder / f"{name}.txt" for name in names):
-        for ending, media_type in _MEDIA_TYPES.items():
+        for ending in PAGE_ENDINGS:
             file = caption_file.with_suffix(ending)
             if file.is_file():
                 content = base64.b64encode(read_bytes(file)).decode()
                 caption = read_bytes(caption_file).decode("utf-8", "replace")
-                uri = f"data:{media_type};base64,{content}"
-                pictures.append({"uri": uri, "caption": caption.strip()})
+                uri = f"data:image/{ending[1:]};base64,{content}"
+                case = first_places.setdefault(uri, case_id)
+                pictures.append({"uri": uri, "caption": caption.strip(), "case": case})
                 break
     return pictures
 

@@ -6,15 +6,19 @@ exact names, and never by a pattern.
 
 from __future__ import annotations
 
+import io
 import itertools
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from epcontact import persson
 from epcontact.errors import OutputError
-from epcontact.files import write_json, write_text
+from epcontact.files import read_bytes, write_bytes, write_json, write_text
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.tasks import peak_path
@@ -40,11 +44,19 @@ _OF_CASE = ("power-spectrum", "persson-magnification")
 #: Charts of results whose names do not depend on the methods.
 _OF_RESULTS = ("pressure-distribution", "residuals", *LOAD_CHARTS)
 #: The files of one picture.
-_ENDINGS = (".png", ".svg", ".csv", ".txt")
+_ENDINGS = (".png", ".svg", ".csv", ".txt", ".webp")
+#: The picture of a page has half of the pixels of the .png file along each side: it is
+#: about as wide as a column of the page.
+_REDUCTION = 2
+#: The colours of the picture of a page.  With fewer, the bars of colours show steps.
+_COLOURS = 20
 
 
 def draw_case(
-    case: Case, answers: Mapping[str, MethodResults], folder: Path
+    case: Case,
+    answers: Mapping[str, MethodResults],
+    folder: Path,
+    vector: bool = False,
 ) -> Pictures:
     """Draw the pictures of a case that was solved.
 
@@ -52,6 +64,7 @@ def draw_case(
         case: the case.
         answers: the results of its methods, by the methods' names.
         folder: the folder of its results, with the files of fields.
+        vector: whether to write each chart as an .svg file, too.
 
     Returns:
         The names of the pictures, and why some could not be drawn.
@@ -65,7 +78,7 @@ def draw_case(
     }
     spectrum = spectrum_chart(scene.surface)
     if spectrum is not None:
-        spectrum.save(folder / "power-spectrum")
+        _save(spectrum, folder / "power-spectrum", vector)
     if "persson" in results:
         options = case.options["persson"]
         theory = persson.Theory.of_scene(scene, **options)
@@ -73,10 +86,51 @@ def draw_case(
         pressures = theory.pressure_curve(scene.load.final)
         gamma = options["energy_reduction"]
         chart = magnification_chart(case.id, areas, results.get("bem", ()), gamma)
-        chart.save(folder / "persson-magnification")
+        _save(chart, folder / "persson-magnification", vector)
         _write_columns(folder / "persson-magnification.json", areas.columns())
         _write_columns(folder / "persson-pressure.json", pressures.columns())
-    return _draw_results(results, folder)
+    return _draw_results(results, folder, vector)
+
+
+def _save(chart: Chart, stem: Path, vector: bool) -> None:
+    """Write a chart to files, and delete an .svg file of an earlier run.
+
+    Args:
+        chart: the chart.
+        stem: the path of the files without an ending.
+        vector: whether to write an .svg file.
+
+    Raises:
+        OutputError: if a file cannot be written.
+    """
+    chart.save(stem, vector)
+    if not vector:
+        Path(f"{stem}.svg").unlink(missing_ok=True)
+
+
+def write_page_pictures(folder: Path, names: Sequence[str]) -> None:
+    """Write a small copy (.webp) of each picture (.png), for a page.
+
+    A picture without a .png file, such as a film, has none.
+
+    Args:
+        folder: the folder of the pictures.
+        names: their names without endings.
+
+    Raises:
+        OutputError: if a file cannot be read or written.
+    """
+    for name in names:
+        source = folder / f"{name}.png"
+        if source.is_file():
+            small = Image.open(io.BytesIO(read_bytes(source))).convert("RGB")
+            # Of Pillow's methods, the octree keeps the hue of thin lines.
+            small = small.reduce(_REDUCTION).quantize(
+                _COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+            )
+            content = io.BytesIO()
+            small.convert("RGB").save(content, "webp", lossless=True)
+            write_bytes(folder / f"{name}.webp", content.getvalue())
 
 
 def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
@@ -92,13 +146,13 @@ def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     write_json(path, {name: list(values) for name, values in columns.items()})
 
 
-def draw_saved(case_id: str, contents: Mapping[str, Any], folder: Path) -> Pictures:
-    """Draw the pictures of results that were read from files.
+def draw_saved(case_id: str, files: Sequence[Path]) -> Pictures:
+    """Draw the pictures of results that are in files.
 
     Args:
         case_id: the id of the case, for messages.
-        contents: the content of the JSON file of each method, by the methods' names.
-        folder: the folder of the results, with the files of fields.
+        files: the JSON file of each method, named after the method.  They are in one
+            folder, which also has the files of fields and gets the pictures.
 
     Returns:
         The names of the pictures, and why some could not be drawn.
@@ -108,18 +162,19 @@ def draw_saved(case_id: str, contents: Mapping[str, Any], folder: Path) -> Pictu
             written.
     """
     results = {}
-    for method, content in contents.items():
+    for file in files:
         try:
-            results[method] = [*map(ContactResult.from_json, content["members"])]
+            members = json.loads(read_bytes(file))["members"]
+            results[file.stem] = [*map(ContactResult.from_json, members)]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise OutputError(
-                f"cannot draw {case_id}: {folder / method}.json holds no results of "
-                "this version; run verify again"
+                f"cannot draw {case_id}: {file} holds no results of this version; run "
+                "verify again"
             ) from None
-    return _draw_results(results, folder)
+    return _draw_results(results, files[0].parent, vector=False)
 
 
-def _draw_results(results: Results, folder: Path) -> Pictures:
+def _draw_results(results: Results, folder: Path, vector: bool) -> Pictures:
     """Draw the pictures that need nothing but results and their fields.
 
     Pictures that an earlier run has drawn of other results are deleted.
@@ -127,6 +182,7 @@ def _draw_results(results: Results, folder: Path) -> Pictures:
     Args:
         results: the results of each method, by its name: one for each surface.
         folder: the folder of the results, with the files of fields.
+        vector: whether to write each chart as an .svg file, too.
 
     Returns:
         The names of the pictures, and a sentence for each body that could not be drawn.
@@ -139,7 +195,7 @@ def _draw_results(results: Results, folder: Path) -> Pictures:
     charts = charts_of_results(results)
     charts |= _maps(folder, [*results])
     for name, chart in charts.items():
-        chart.save(folder / name)
+        _save(chart, folder / name, vector)
     names = [*charts]
     missing = []
     for method in results:

@@ -14,9 +14,11 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from epcontact.errors import without_controls
 from epcontact.files import atomic_write
@@ -49,13 +51,23 @@ class Chart:
         """Compute the layout of the figure and fix it."""
         # The layout is computed once: repeated at every drawing it shifts, and the same
         # chart would give different bytes.
-        with styled():
-            self.figure.draw_without_rendering()
+        engine = self.figure.get_layout_engine()
+        if engine is not None:
+            with styled():
+                engine.execute(self.figure)
             self.figure.set_layout_engine("none")
 
     def png(self) -> bytes:
         """Return the picture of this chart as the bytes of a PNG file."""
-        return self._bytes("png", {"Software": None})
+        canvas: Any = self.figure.canvas
+        with styled():
+            # Matplotlib's `savefig` would draw twice, the first time for the layout.
+            canvas.draw()
+        pixels = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        buffer = io.BytesIO()
+        dpi = self.figure.dpi
+        pixels.save(buffer, "png", dpi=(dpi, dpi))
+        return buffer.getvalue()
 
     _repr_png_ = png  # for notebooks
 
@@ -64,7 +76,11 @@ class Chart:
 
         The same data give the same bytes.
         """
-        return self._bytes("svg", {"Date": None, "Creator": None})
+        buffer = io.BytesIO()
+        metadata = {"Date": None, "Creator": None}
+        with styled():
+            self.figure.savefig(buffer, format="svg", metadata=metadata)
+        return buffer.getvalue()
 
     def csv(self) -> str:
         """Return the data of this chart as comma-separated text with a line of
@@ -76,45 +92,38 @@ class Chart:
         csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
-    def save(self, stem: Path | str) -> tuple[Path, ...]:
-        """Write the picture, the data and the caption of this chart to four files.
+    def save(self, stem: Path | str, vector: bool = True) -> tuple[Path, ...]:
+        """Write the picture, the data and the caption of this chart to files.
 
         If one of the files cannot be written, none is.
 
         Args:
             stem: the path of the files without an ending.
+            vector: whether to write the picture as an SVG file beside the PNG file.
+                This takes as long as all other files.
 
         Returns:
-            The paths stem.png, stem.svg, stem.csv and stem.txt (the caption).
+            The paths stem.png, stem.svg (if `vector`), stem.csv and stem.txt (the
+            caption).
 
         Raises:
             OutputError: if a file cannot be written.
         """
-        contents = {
-            Path(f"{stem}.png"): self.png(),
-            Path(f"{stem}.svg"): self.svg(),
-            Path(f"{stem}.csv"): self.csv().encode(),
-            Path(f"{stem}.txt"): f"{without_controls(self.caption)}\n".encode(),
-        }
+        contents = {Path(f"{stem}.png"): self.png()}
+        if vector:
+            contents[Path(f"{stem}.svg")] = self.svg()
+        contents[Path(f"{stem}.csv")] = self.csv().encode()
+        caption = without_controls(self.caption)
+        contents[Path(f"{stem}.txt")] = f"{caption}\n".encode()
         with contextlib.ExitStack() as stack:
             # All four are on the disk before the first one is renamed.
             for path, content in contents.items():
                 stack.enter_context(atomic_write(path)).write_bytes(content)
         return tuple(contents)
 
-    def _bytes(self, kind: str, metadata: dict[str, Any]) -> bytes:
-        """Return the picture of this chart as the content of a file.
 
-        Args:
-            kind: a format of matplotlib, "png" or "svg".
-            metadata: entries of the file's head by name; None removes an entry, such as
-                a date that would differ between two drawings.
-        """
-        buffer = io.BytesIO()
-        dpi = SETTINGS["savefig.dpi"]
-        with styled():
-            self.figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
-        return buffer.getvalue()
+#: The files of a picture that a page may show: the small copy of a chart, or a film.
+PAGE_ENDINGS = (".webp", ".gif")
 
 
 class Pictures(NamedTuple):
@@ -150,7 +159,10 @@ def styled() -> Iterator[None]:
 
 
 def new_figure(
-    width: float, height: float, columns: int = 1
+    width: float,
+    height: float,
+    columns: int = 1,
+    layout: Literal["constrained"] | None = "constrained",
 ) -> tuple[Figure, NDArray[Any]]:
     """Create a figure of matplotlib with axes side by side.
 
@@ -159,6 +171,8 @@ def new_figure(
     Args:
         width, height: the size of the figure in inches.
         columns: the number of axes.
+        layout: matplotlib's layout "constrained", which finds room for labels by
+            drawing them several times; None: the caller places the axes.
 
     Returns:
         The figure and its axes, an array of shape (columns,).
@@ -166,7 +180,7 @@ def new_figure(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure, figure.subplots(1, columns, squeeze=False)[0]
 

@@ -27,6 +27,10 @@ from epcontact.output.charts.style import (
 )
 from epcontact.results import FloatArray
 
+#: Width and height of a chart, and the margins for titles and labels of its axes
+#: (inches).  The right margin is added to the width of the legend.
+_SIZE = (6.4, 3.9)
+_LEFT, _BOTTOM, _RIGHT, _TOP = 0.95, 0.5, 0.2, 0.3
 #: Marks with error bars of several series stand side by side within this width, and
 #: two are at most this far from each other (points of length).
 _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
@@ -183,7 +187,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     warning = _interval_warning(all_series)
     looks = _looks(all_series, plot)
     with styled():
-        figure, (axes,) = new_figure(6.4, 3.9)
+        figure, (axes,) = new_figure(*_SIZE, layout=None)
         shifts = _bar_shifts(all_series)
         for one, look, shift in zip(all_series, looks, shifts, strict=True):
             _draw_series(axes, one, look, plot, shift)
@@ -204,6 +208,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         # Beside the axes the legend can cover no point.
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        _place_axes(figure, axes)
         if warning:
             title = "the intervals are wider than the differences"
             axes.set_title(title, color="#a63c00")
@@ -211,6 +216,29 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     rows = [row for one in all_series for row in one.rows()]
     text = f"{caption} {warning}".rstrip()
     return Chart(figure, header, rows, typeset(text, mathtext=False))
+
+
+def _place_axes(figure: Any, axes: Any) -> None:
+    """Place the axes of a chart between fixed margins, left of the legend.
+
+    A layout engine of matplotlib would measure all labels twice, which takes longer
+    than the drawing itself.
+
+    Args:
+        figure: the figure of matplotlib, of the size `_SIZE`.
+        axes: its only axes, with or without a legend.
+    """
+    width, height = _SIZE
+    right = _RIGHT
+    legend = axes.get_legend()
+    if legend is not None:
+        right += legend.get_window_extent().width / figure.dpi
+    figure.subplots_adjust(
+        left=_LEFT / width,
+        bottom=_BOTTOM / height,
+        right=1 - right / width,
+        top=1 - _TOP / height,
+    )
 
 
 def _series(values: Sequence[Any], group: pd.DataFrame, plot: Plot) -> _Series:

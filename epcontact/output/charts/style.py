@@ -78,7 +78,9 @@ SETTINGS: Mapping[str, Any] = {
     "legend.fontsize": 8.0,
     "lines.linewidth": 1.4,
     "lines.markersize": 4.5,
-    "figure.dpi": 100.0,
+    # The layout and the picture need the sizes of the same texts, which matplotlib
+    # measures once for each resolution.
+    "figure.dpi": 160.0,
     "savefig.dpi": 160.0,
     "savefig.facecolor": "white",
     "svg.fonttype": "path",
