@@ -15,13 +15,14 @@ import itertools
 import os
 import platform
 import secrets
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from epcontact.errors import OutputError
-from epcontact.machine import alive
+from epcontact.machine import alive, try_lock
 from epcontact.results import plain
 
 #: Pattern of names that become a file or folder: the id of a case, a size, a method and
@@ -70,13 +71,18 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
             temporary.unlink()
 
 
-def remove_leftovers(folder: Path) -> None:
+def remove_leftovers(folder: Path, *, below: bool = True) -> None:
     """Remove temporary files that killed processes of this machine left in a folder.
 
-    Folders inside of it are searched, too.  Files of running processes stay, and so do
-    files that the system does not let this process remove.
+    Files of running processes stay, and so do files that the system does not let this
+    process remove.
+
+    Args:
+        folder: The folder; it need not exist.
+        below: Whether folders inside of it are searched, too.
     """
-    for path in folder.rglob(f"{glob.escape(_PREFIX)}*"):
+    pattern = f"{glob.escape(_PREFIX)}*"
+    for path in folder.rglob(pattern) if below else folder.glob(pattern):
         pid = path.name.removeprefix(_PREFIX).partition("-")[0]
         if pid.isdecimal() and not alive(int(pid)):
             with contextlib.suppress(OSError):
@@ -155,6 +161,54 @@ def write_collection(
             )
     lines += ["</Collection>", "</VTKFile>", ""]
     write_text(path, "\n".join(lines))
+
+
+def require_replaceable(path: Path | str, mark: str) -> None:
+    """Raise OutputError if a file exists that epcontact did not write for this purpose.
+
+    A mistyped name would otherwise replace a file of the user's.  An empty file may be
+    replaced.
+
+    Args:
+        path: The file that is to be written.
+        mark: A text that each file of this purpose has in its first 2000 bytes.
+    """
+    if not os.path.isfile(path):
+        return
+    beginning = read_bytes(path, 2000)
+    if beginning and mark.encode() not in beginning:
+        raise OutputError(
+            f"cannot write {path}: it exists and holds something else; give another "
+            "name, or remove it"
+        )
+
+
+@contextlib.contextmanager
+def lock_folders(folders: Iterable[Path]) -> Iterator[None]:
+    """Let no other process of epcontact write into folders as long as the block lasts.
+
+    Missing folders are created.  A lock ends with its process, also if that is killed.
+    There are no locks on Windows and on file systems without them.
+
+    Raises:
+        OutputError: Another process holds a lock, or a folder cannot be created.
+    """
+    with contextlib.ExitStack() as stack:
+        for folder in folders:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                if sys.platform == "win32":
+                    continue  # Windows opens no folder
+                descriptor = os.open(folder, os.O_RDONLY)
+                stack.callback(os.close, descriptor)
+            except OSError as error:
+                raise output_error("write", folder, error) from None
+            if not try_lock(descriptor):
+                raise OutputError(
+                    f"cannot write {folder}: another epcontact writes into it; wait "
+                    "for its end, or give another --output"
+                )
+        yield
 
 
 def require_writable(folder: Path | str) -> None:

@@ -107,6 +107,25 @@ def alive(pid: int) -> bool:
         return False
 
 
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file or folder for this process, and return False if another has it.
+
+    The result is True, too, on systems and file systems that have no locks.  The lock
+    ends when the descriptor is closed or the process ends.
+
+    Args:
+        descriptor: The number of the open file or folder, from `os.open`.
+    """
+    if fcntl is not None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+    return True
+
+
 def describe_death(code: int | None) -> str:
     """Return words for how a process ended, such as "ended with exit code 1".
 

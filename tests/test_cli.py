@@ -28,12 +28,15 @@ from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.options import ProgressLine, show_progress
 from epcontact.cli.tables import results_table, verdict_table
 from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
-from epcontact.errors import sentence_of
+from epcontact.errors import OutputError, sentence_of
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.case_files.text import case_files, case_name, find_cases
+from epcontact.harness.solving.load_path import solve_path
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.saved import load_saved
 from epcontact.harness.solving.tasks import Run, tasks_of
+from epcontact.harness.verdict.compare import RELEASE_VALUES
+from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify, verify
 from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
@@ -539,6 +542,80 @@ def test_the_time_left_is_that_of_the_solves_to_come(monkeypatch, first):
     assert all(
         seconds == pytest.approx(120 - done, abs=2) for done, seconds in left.items()
     )
+
+
+# --- work that is not lost
+# ---------------------------------------------------------------------------------
+
+
+def test_a_report_that_fails_keeps_the_verdict_and_says_so(
+    write_case, tmp_path, monkeypatch
+):
+    """A full disk while the report is written ends with exit code 2 after the verdict
+    is printed, and the verdict can be read.  A later `run` says that it is outdated.
+    """
+
+    def full(*_, **__):
+        """Raise the error of a full disk."""
+        raise OutputError("cannot write report.html: no space left on device")
+
+    path = write_case(ONE)
+    options = ("--output", tmp_path, "--jobs", 1)
+    monkeypatch.setattr("epcontact.cli.run_and_verify._write_report", full)
+    done = invoke("verify", path, "--report", *options)
+    assert done.returncode == 2
+    assert "1 case: 1 holds" in done.stdout
+    sentence = done.stderr.splitlines()[-1]
+    assert sentence.endswith("no space left on device; the verdict is complete")
+    assert Verdict.read(tmp_path / "verdict.json").passed
+    note = "verdict.json is about earlier results"
+    assert note in invoke("run", path, "--fresh", *options).stderr
+    assert invoke("verify", path, *options).returncode == 0
+    assert note not in invoke("run", path, *options).stderr
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["accuracy --csv", "accuracy --keep", "compare {0} {0} --csv"],
+)
+def test_a_table_does_not_replace_another_file(tmp_path, command):
+    """A table is written over an earlier one of its kind, and over no other file."""
+    path = tmp_path / "mine.csv"
+    words = command.format(RELEASE_VALUES).split()
+    for _ in range(2):
+        assert invoke(*words, path).returncode == 0
+    path.write_text("name,mark\n")
+    refused(invoke(*words, path), "mine.csv: it exists and holds something else")
+    assert path.read_text() == "name,mark\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows removes no current folder")
+def test_a_current_folder_that_was_removed_is_one_sentence(tmp_path, monkeypatch):
+    """`verify` in a folder that no longer exists names the reason and the remedy."""
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    refused(invoke("verify", "bearing-area"), "the current folder was removed; change")
+
+
+def test_the_theory_reports_its_progress(write_case):
+    """The theory reports the solved fraction of the path after each of two loads."""
+    (task,) = tasks_of(load_case(write_case(PATH)).changed(methods=("persson",)), Run())
+    fractions = []
+
+    def report(fraction, _):
+        """Note the fraction."""
+        fractions.append(fraction)
+
+    solve_path(task, task.case.scene(task.recipe), 1, report)
+    assert fractions == [0.5, 1]
+
+
+def test_an_effective_hardness_needs_a_yield_stress(write_case):
+    """The sentence names the key that is missing, and both remedies."""
+    path = write_case(("hardness = 6.0e9", 'hardness = "effective"'))
+    words = "[material] has no yield_stress; add it, or give the hardness in Pa"
+    refused(invoke("run", path), words)
 
 
 # --- words from outside

@@ -203,3 +203,15 @@ def test_no_value_moved_since_the_release(tmp_path):
     """
     verify(output=tmp_path)
     assert compared(tmp_path)[0] == 0
+
+
+@pytest.mark.parametrize("column", ["value", "reference", "error", "low", "high"])
+def test_a_word_in_a_column_of_numbers_is_one_sentence(tmp_path, column):
+    """A table of --keep with a word in the place of a number is refused by its name."""
+    table = pd.read_csv(RELEASE_VALUES).astype({column: object})
+    table.loc[1, column] = "word"
+    table.to_csv(tmp_path / "kept.csv", index=False)
+    done = invoke("compare", tmp_path / "kept.csv", RELEASE_VALUES)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "kept.csv: is no table that `epcontact compare --keep` wrote" in done.stderr

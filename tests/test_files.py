@@ -230,6 +230,13 @@ def test_leftovers_of_killed_processes_are_removed_and_no_other_files(tmp_path):
         epcontact.verify("bearing-area", output=tmp_path, jobs=1)  # a run removes them
         assert not any((folder / "steps").iterdir())
         assert mine.exists()
+        # A killed run leaves the file of junit.xml in the folder of the verdict.
+        left = [tmp_path / name, tmp_path / "other" / name]
+        left[1].parent.mkdir()
+        for path in left:
+            path.touch()
+        epcontact.verify("bearing-area", output=tmp_path, jobs=1)
+        assert [path.exists() for path in left] == [False, True]
 
 
 @pytest.mark.parametrize(
@@ -245,3 +252,35 @@ def test_the_time_of_a_load_is_its_mean_pressure_while_it_grows(
     files.write_collection(tmp_path / "path.pvd", pressures)
     text = (tmp_path / "path.pvd").read_text()
     assert re.findall('timestep="([^"]*)"', text) == [*times]
+
+
+def test_a_file_of_somebody_else_is_not_replaced(tmp_path):
+    """`require_replaceable` accepts a missing, an empty and an earlier file of the same
+    purpose, and refuses any other.
+    """
+    path = tmp_path / "x"
+    files.require_replaceable(path, "a,b")
+    for content in ("", "a,b\n1,2\n", "<head>a,b"):
+        path.write_text(content)
+        files.require_replaceable(path, "a,b")
+    for content in ("mine", "\n" * 2000 + "a,b\n"):
+        path.write_text(content)
+        with pytest.raises(OutputError, match="x: it exists and holds something else"):
+            files.require_replaceable(path, "a,b")
+
+
+@pytest.mark.skipif(not POSIX, reason="Windows opens no folder")
+def test_a_folder_has_one_writer(tmp_path):
+    """A folder that is locked is refused until the lock ends."""
+    folders = [tmp_path / "a" / "fast", tmp_path / "b"]
+    first = files.lock_folders(folders)
+    first.__enter__()
+    for folder in folders:
+        with (
+            pytest.raises(OutputError, match=f"{folder}: another epcontact writes"),
+            files.lock_folders([folder]),
+        ):
+            pass
+    first.__exit__(None, None, None)
+    with files.lock_folders(folders), files.lock_folders([tmp_path / "a"]):
+        assert [folder.is_dir() for folder in folders] == [True, True]

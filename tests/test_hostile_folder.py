@@ -169,6 +169,24 @@ def test_a_verification_draws_no_pictures_through_a_link(results):
     require_refusal(results, "leads out of the folder", command)
 
 
+@pytest.mark.parametrize("link", ["small", "small/fast", "small/fast/members"])
+@pytest.mark.parametrize("command", ["run", "verify"])
+def test_no_result_is_written_through_a_link(tmp_path, link, command):
+    """`run` and `verify` refuse an output folder in which a folder of a case is a link
+    out of it, and change nothing behind the link.
+    """
+    private = tmp_path / "private"
+    private.mkdir()
+    results = tmp_path / "results"
+    (results / link).parent.mkdir(parents=True)
+    (results / link).symlink_to(private)
+    (tmp_path / "small.toml").write_text(conftest.SMALL_CASE)
+    done = invoke(command, tmp_path / "small.toml", "--output", results, "--jobs", 1)
+    assert done.returncode == 2
+    assert "leads out of the folder" in done.stderr
+    assert not any(private.iterdir())
+
+
 @pytest.mark.parametrize("name", ["../../../private/fast/x.vti", "/etc/passwd"])
 def test_a_collection_cannot_name_a_file_outside_of_its_folder(results, name):
     """A report refuses a .pvd file with the `name` of a file outside of its folder."""
@@ -218,6 +236,17 @@ def test_pictures_of_an_earlier_run_do_not_stay_beside_other_results(results):
     earlier.write_bytes(SECRET)
     assert invoke("report", results).returncode == 0
     assert not earlier.exists()
+
+
+def test_a_report_replaces_no_file_that_is_none(results):
+    """`epcontact report --output` replaces an earlier report, and no other file."""
+    page = results.parent / "page.html"
+    for _ in range(2):
+        assert invoke("report", results, "--output", page).returncode == 0
+    page.write_text("<!doctype html>\n<title>My page</title>\n")
+    command = ("report", "--output", page)
+    require_refusal(results, "page.html: it exists and holds something else", command)
+    assert "My page" in page.read_text()
 
 
 def test_results_of_another_kind_are_one_sentence(results):

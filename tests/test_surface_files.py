@@ -788,6 +788,12 @@ HUGE = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 100000000
         ("off.xyz", b"0 0 5\n0 1 7\n1 .3 6\n1 1 5\n", "no regular grid .* export the"),
         ("junk.vti", b"<VTKFile", "no whole .vti file"),
         ("junk.vtu", b"junk\xff\n", "meshio cannot read"),
+        (
+            "short.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
+            b"end_header\n1\n",
+            "meshio cannot read it .it is damaged or of another kind.$",
+        ),
     ],
     ids=lambda value: str(value)[:12],
 )

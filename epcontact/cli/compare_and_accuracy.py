@@ -18,7 +18,7 @@ from epcontact.cli.terminal import (
     print_sentence,
     text_of,
 )
-from epcontact.files import atomic_write
+from epcontact.files import atomic_write, require_replaceable
 from epcontact.harness.verdict import compare as comparing
 from epcontact.harness.verdict.compare import (
     RELEASE_VALUES,
@@ -72,6 +72,7 @@ def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) 
     comparison = comparing.compare(old, new)
     if table is not None:
         names = [*comparing.KEYS, "value_old", "value_new", "error", "moved"]
+        require_replaceable(table, ",".join(names))
         with atomic_write(table) as file:
             comparison.moved[names].to_csv(file, index=False)
     _print_comparison(comparison)

@@ -186,8 +186,8 @@ def _usage_sentence(error: click.ClickException) -> str:
 def _unexpected(error: Exception) -> str:
     """Return the sentence for an error that no command has handled.
 
-    It is about a full disk, a bad file name or, for all other errors, a bug in
-    epcontact, whose traceback is printed on stderr.
+    It is about a full disk, a bad file name, a current folder that was removed or, for
+    all other errors, a bug in epcontact, whose traceback is printed on stderr.
     """
     number = getattr(error, "errno", None)
     if number == errno.ENOSPC:  # of standard output; files raise OutputError
@@ -195,8 +195,19 @@ def _unexpected(error: Exception) -> str:
         return "cannot write the output: no space left on device"
     if isinstance(error, OSError) and number in (errno.ENAMETOOLONG, errno.EACCES):
         return f"cannot open {error.filename}: {os.strerror(number).lower()}"
+    if isinstance(error, FileNotFoundError) and not _has_current_folder():
+        return "the current folder was removed; change to another one"
     print_error(traceback.format_exc())
     return "this is a bug in epcontact; please report it"
+
+
+def _has_current_folder() -> bool:
+    """Return whether the current folder exists; another process may have removed it."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def print_text(text: object) -> None:

@@ -17,7 +17,7 @@ import epcontact
 from epcontact.cli import options, tables
 from epcontact.cli.main import discard_output, print_error, print_text
 from epcontact.cli.terminal import open_console, print_sentence
-from epcontact.errors import EpcontactError
+from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import require_links_inside
 from epcontact.harness.case_files.case import (
     Case,
@@ -92,11 +92,29 @@ def run(
         _draw(chosen, results, settings.folder)
     if fields == "film":
         _draw_films(chosen, settings.folder)
+    _note_old_verdict(settings.folder)
     folder = chosen.folder(settings.folder)
     print_text(f"results in {folder}")
     for peak in sorted(folder.glob("*-peak.vti")):
         last = peak.name.replace("-peak", "")
         print_text(f"fields at the largest load in {peak.name}, at the last in {last}")
+
+
+def _note_old_verdict(output: Path) -> None:
+    """Print a sentence on stderr if the verdict in a folder is about earlier results.
+
+    `output` is the folder of the results of all cases; it may have no verdict.
+    """
+    file = output / "verdict.json"
+    if not file.is_file():
+        return
+    try:
+        Verdict.read(file)
+    except OutputError:
+        print_error(
+            f"epcontact: {file} is about earlier results than those in the folder now; "
+            "run `epcontact verify` again, which solves nothing twice"
+        )
 
 
 def _fields_of_run(fields: str) -> str:
@@ -188,6 +206,7 @@ def verify(
         require_links_inside(output)  # the report would refuse them after all solves
 
     not_holding: list[str] = []
+    drawing_errors: list[str] = []
 
     def count_case(case: CaseVerdict) -> None:
         """Note the id of a judged case that does not hold, for the line of progress."""
@@ -203,15 +222,11 @@ def verify(
             show(done, total, words)
 
         def draw(verdict: Verdict) -> None:
-            """Draw the films and the report of a verdict that the options ask for.
-
-            The options are --fields film and --report of `epcontact verify`.
-            """
-            if fields == "film":
-                for judged_case in verdict.cases:
-                    _draw_films(judged_case.case, output)
-            if with_report:
-                _write_report(verdict, output, show)
+            """Draw the films and the report of a verdict that the options ask for."""
+            try:
+                _draw_verdict(verdict, output, fields == "film", with_report, show)
+            except EpcontactError as error:  # the verdict is printed first
+                drawing_errors.append(f"{error}; the verdict is complete")
 
         verdict = epcontact.verify(
             given,
@@ -225,6 +240,8 @@ def verify(
         _print_verdict(verdict, output, all_gates, with_report)
     except (BrokenPipeError, SystemExit):
         discard_output()  # nobody reads on; the verdict is the exit code
+    if drawing_errors:
+        raise EpcontactError(*drawing_errors)
     sys.exit(verdict.exit_code)
 
 
@@ -324,6 +341,32 @@ def _counts(verdict: Verdict) -> str:
     total = len(verdict.cases)
     cases = "1 case" if total == 1 else f"{total} cases"
     return f"{cases}: {', '.join(parts)}"
+
+
+def _draw_verdict(
+    verdict: Verdict,
+    output: Path,
+    with_films: bool,
+    with_report: bool,
+    progress: Progress,
+) -> None:
+    """Draw the films and the report of a verdict that the options ask for.
+
+    Args:
+        verdict: The verdict.
+        output: The folder of the results, in which the files are written.
+        with_films: Whether a film of each load path is drawn (--fields film).
+        with_report: Whether charts and report.html are written (--report).
+        progress: Called as the pictures of each case are drawn.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    if with_films:
+        for judged_case in verdict.cases:
+            _draw_films(judged_case.case, output)
+    if with_report:
+        _write_report(verdict, output, progress)
 
 
 def _write_report(verdict: Verdict, output: Path, progress: Progress) -> None:

@@ -34,7 +34,7 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.harness.solving.method_results import load_rows
-from epcontact.harness.solving.run import FinishedTask, solve_tasks
+from epcontact.harness.solving.run import FinishedTask, lock_cases, solve_tasks
 from epcontact.harness.solving.saved import key_of, read_saved
 from epcontact.harness.solving.tasks import Run, Task, tasks_of
 from epcontact.results import ContactResult
@@ -237,7 +237,10 @@ def run_sweep(
     sweep = read_sweep(case, size, run, among)
     folder = sweep.tasks[0].case.folder(run.folder)
     solving = solve_tasks(sweep.tasks, run)
-    with contextlib.closing(solving):
+    with (
+        lock_cases([sweep.tasks[0].case], run.folder),
+        contextlib.closing(solving),
+    ):
         write_json(folder / _LIST, _list_of_tasks(sweep, size, run, folder))
         finished = {done.task: done for done in solving}
     swept = table(folder)

@@ -24,6 +24,7 @@ from epcontact.files import (
     path_inside,
     read_bytes,
     require_links_inside,
+    require_replaceable,
     write_text,
 )
 from epcontact.output.charts.figures import PAGE_ENDINGS, Pictures
@@ -71,9 +72,11 @@ def report_folder(
 
     Raises:
         OutputError: if a file cannot be read or written, or if a name in the verdict or
-            a link leads out of the folder.
+            a link leads out of the folder; or if `path` is another file than a report.
     """
     home = Path(folder)
+    target = home / "report.html" if path is None else Path(path)
+    require_replaceable(target, "<title>epcontact: verification report</title>")
     require_links_inside(home)
     results: dict[str, dict[str, Data]] = {}
     files: dict[str, list[Path]] = {}
@@ -94,7 +97,6 @@ def report_folder(
         folder_of_case = files[name][0].parent
         pictures[name] = _pictures(folder_of_case, drawn.names, name, first_places)
         missing += drawn.missing
-    target = home / "report.html" if path is None else Path(path)
     notes = list(dict.fromkeys(missing))
     write_report(target, verdict, results, pictures, notes, overview)
     return target

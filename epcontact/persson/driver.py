@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 from epcontact.persson.elastoplastic import (
     ContactAreas,
@@ -33,6 +34,7 @@ def solve(
     spectrum: SpectrumKind = "analytic",
     reduction: Rule = "constant",
     points: int = 1025,
+    progress: Callable[[float, str], None] | None = None,
 ) -> ContactResult:
     """Solve a scene on a half-space by Persson's theory.
 
@@ -48,6 +50,8 @@ def solve(
         reduction: The rule by which gamma enters, see `persson.reduction`.
         points: Number of pressures at which the distribution of the last load is
             tabulated.
+        progress: Called after each load with the fraction of the path that is done,
+            from 0 to 1, and a text; None: nothing is called.
 
     Raises:
         InvalidScene: The scene is a line, a layer or an unloading path, or has no
@@ -68,7 +72,12 @@ def solve(
     theory = Theory.of_scene(
         scene, energy_reduction=energy_reduction, spectrum=spectrum, reduction=reduction
     )
-    steps = tuple(_load_step(theory, p, scene.surface) for p in scene.load.path)
+    steps = []
+    for mean_pressure in scene.load.path:
+        steps.append(_load_step(theory, mean_pressure, scene.surface))
+        if progress is not None:
+            fraction = len(steps) / len(scene.load.path)
+            progress(fraction, f"load {len(steps)} of {len(scene.load.path)}")
     if reduction == "local":
         curve = theory.pressure_curve(scene.load.final)
         accuracy = "1e-3"
@@ -86,7 +95,7 @@ def solve(
     )
     return ContactResult(
         method="persson",
-        steps=steps,
+        steps=tuple(steps),
         provenance=Provenance(scene.digest, scene.surface.seed, options),
         distribution=PressureDistribution(
             curve.pressure, curve.cumulative, curve.plastic

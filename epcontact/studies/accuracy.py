@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.errors import InvalidCase
-from epcontact.files import atomic_write
+from epcontact.files import atomic_write, require_replaceable
 from epcontact.harness import sweep
 from epcontact.harness.gates import distance
 from epcontact.harness.methods.registry import METHODS
@@ -113,8 +113,10 @@ def read_rows(folders: Sequence[str | Path] = ()) -> pd.DataFrame:
 def write_table(rows: pd.DataFrame, path: Path) -> None:
     """Write the rows of a table to a CSV file, with six digits of each number.
 
-    `path` is the file.  Raises OutputError if it cannot be written.
+    `path` is the file; one with other columns is not replaced.  Raises OutputError if
+    it cannot be written.
     """
+    require_replaceable(path, ",".join(rows.columns))
     with atomic_write(path) as file:
         rows.to_csv(file, index=False, float_format="%.6g")
 

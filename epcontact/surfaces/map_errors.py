@@ -43,6 +43,9 @@ def errors_of(path: Path, problem: str = "", remedy: str = "") -> Iterator[None]
         if not problem:
             raise
         sentence = " ".join(str(error).split("; use")[0].split()).rstrip(".")
+        if type(error) in (IndexError, KeyError, TypeError, AttributeError):
+            # The parser has failed itself, and its message is about its own code.
+            sentence = "it is damaged or of another kind"
         sentence = sentence or type(error).__name__
         if len(sentence) > _SHOWN:
             sentence = sentence[: _SHOWN - 1] + "…"

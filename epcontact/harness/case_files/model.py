@@ -528,9 +528,14 @@ class Case(Table):
         return tuple(self.cap_at(slope, peak) for peak in peaks)
 
     def _require_mapped(self, surface: Any) -> None:
-        """Raise InvalidScene if the map of the hardness does not cover the surface or
-        the body.
+        """Raise InvalidScene if the material has no yield stress, or if the map of the
+        hardness does not cover the surface or the body.
         """
+        if math.isinf(self.solid.yield_stress):
+            raise InvalidScene(
+                "hardness is 'effective', which follows from the yield stress, but "
+                "[material] has no yield_stress; add it, or give the hardness in Pa"
+            )
         known = (surfaces.SelfAffineEnsemble, surfaces.HeightsFromFile)
         is_known = isinstance(surface, known)
         if not is_known or len(surfaces.recipes_of(surface)[0].shape) == 1:

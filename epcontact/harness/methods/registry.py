@@ -241,6 +241,9 @@ class Method:
             `output`; "": nobody, because the method does not follow a path.  Two
             properties follow from it: `plannable` and `follows_unloading` are true for
             every method with "fields" or "bodies".
+        reports_progress: whether `solve` takes the option `progress` although the
+            method writes no files of each load; it is called with the fraction of the
+            path that is done and a text.
         memory: estimates the bytes of a solve, beside the process and its libraries.
         load: loads the modules and the compiled kernels of a solve, by a solve that
             takes no time.
@@ -261,6 +264,7 @@ class Method:
     has_model_measures: bool = False
     follows_hardening: bool = False
     load_files: Literal["", "fields", "bodies"] = ""
+    reports_progress: bool = False
     memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
     requires: str = ""
@@ -515,6 +519,7 @@ _OWN = (
         _persson,
         "theory",
         has_fields=False,
+        reports_progress=True,
         title="theory",
         abbreviation="theory",
     ),

@@ -295,7 +295,7 @@ def _solve_part(
         options["area_tolerance"] = _TOLERANCE_OF_ERROR
     if method.load_files == "bodies" and task.steps_folder is not None:
         options["output"] = task.steps_folder
-    if method.load_files and on_progress is not None:
+    if (method.load_files or method.reports_progress) and on_progress is not None:
         options["progress"] = on_progress
     if method.source:
         options["limit"] = task.case.head.time_limit

@@ -27,7 +27,15 @@ from pathlib import Path
 from typing import Any
 
 from epcontact.errors import EpcontactError, InvalidCase, sentence_of
-from epcontact.files import output_error, remove_leftovers, require_writable, write_json
+from epcontact.files import (
+    lock_folders,
+    output_error,
+    path_inside,
+    remove_leftovers,
+    require_links_inside,
+    require_writable,
+    write_json,
+)
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.solving.load_path import (
@@ -120,8 +128,31 @@ def run_cases(
 
     The arguments and the errors are those of `solve_cases`.
     """
-    results = {case.id: of_case for case, of_case in solve_cases(cases, run, methods)}
+    results = {}
+    with lock_cases(cases, run.folder):
+        for case, of_case in solve_cases(cases, run, methods):
+            results[case.id] = of_case
     return {case.id: results[case.id] for case in cases}
+
+
+@contextlib.contextmanager
+def lock_cases(cases: Sequence[Case], output: Path) -> Iterator[None]:
+    """Let no other process write the results of cases as long as the block lasts.
+
+    Args:
+        cases: the cases; those that are skipped need no lock.
+        output: the output folder of the run.
+
+    Raises:
+        OutputError: if another process writes them, if their folder cannot be created,
+            or if it or a link inside of it leads out of the output folder.
+    """
+    folders = {case.folder(output) for case in cases if not case.skip}
+    for folder in folders:
+        path_inside(output, str(folder.relative_to(output)))
+        require_links_inside(folder)
+    with lock_folders(sorted(folders)):
+        yield
 
 
 def _require_different_ids(cases: Sequence[Case]) -> None:

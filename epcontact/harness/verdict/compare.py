@@ -107,6 +107,8 @@ def read_values(path: Path) -> pd.DataFrame:
         # These columns are empty where they repeat the row above.
         repeated = [*_CASE, "scene"]
         values[repeated] = values[repeated].ffill()
+        numbers = ["value", "reference", "error", "low", "high"]
+        values[numbers] = values[numbers].apply(pd.to_numeric)
         return values[_COLUMNS].fillna({"scene": "", "status": ""})
     except (OSError, ValueError, KeyError):
         raise InvalidCase(

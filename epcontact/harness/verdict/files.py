@@ -18,7 +18,12 @@ from junitparser import (
 )
 
 from epcontact.errors import printable
-from epcontact.files import atomic_write, output_error, write_json
+from epcontact.files import (
+    atomic_write,
+    output_error,
+    remove_leftovers,
+    write_json,
+)
 from epcontact.harness.gates import ERROR, FALLS_SHORT, GateVerdict
 from epcontact.harness.verdict.digest import digest_of
 from epcontact.harness.verdict.judgement import SKIPPED, CaseVerdict, Verdict
@@ -31,8 +36,10 @@ def delete_verdict(folder: Path) -> None:
     """Delete verdict.json, junit.xml and report.html in a folder, if they exist.
 
     A run deletes them at its start.  If it is interrupted, nobody takes the verdict of
-    an earlier run for its own.  Raises OutputError if a file cannot be deleted.
+    an earlier run for its own.  Temporary files that a killed run left beside them are
+    removed, too.  Raises OutputError if a file cannot be deleted.
     """
+    remove_leftovers(folder, below=False)
     for name in _FILES:
         path = folder / name
         if path.is_file():

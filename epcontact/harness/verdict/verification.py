@@ -18,7 +18,7 @@ from epcontact.harness.case_files.case import (
     load_cases,
 )
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
-from epcontact.harness.solving.run import solve_cases
+from epcontact.harness.solving.run import lock_cases, solve_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.files import delete_verdict, write_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, judge_case
@@ -54,8 +54,8 @@ def verify(
         solver: a registered method, `[NAME=]MODULE:FUNCTION` or `[NAME=]COMMAND` (see
             `harness.methods.foreign`), which replaces the boundary elements in every
             gate, under its own name.
-        finish: called with the verdict after its files are written; if it raises, they
-            are deleted.
+        finish: called with the verdict after its files are written.  They stay if it
+            raises, because all is judged.
         on_case: called with the verdict on each case as soon as it is judged.
 
     Returns:
@@ -78,18 +78,15 @@ def verify(
     delete_verdict(run.folder)
     loaded, methods = _load(cases, size, solver)
     verdicts: dict[str, CaseVerdict] = {}
-    with contextlib.closing(solve_cases(loaded, run, methods)) as solving:
-        for case, results in solving:
-            verdicts[case.id] = judge_case(case, results)
-            on_case(verdicts[case.id])
-    verdict = Verdict.on([verdicts[case.id] for case in loaded], size, made)
-    write_verdict(verdict, run.folder)
-    try:
-        finish(verdict)
-    except BaseException:
-        # The run ends in an error, and the written verdict would not say so.
-        delete_verdict(run.folder)
-        raise
+    # The lock lasts until the verdict is signed with the digest of the results.
+    with lock_cases(loaded, run.folder):
+        with contextlib.closing(solve_cases(loaded, run, methods)) as solving:
+            for case, results in solving:
+                verdicts[case.id] = judge_case(case, results)
+                on_case(verdicts[case.id])
+        verdict = Verdict.on([verdicts[case.id] for case in loaded], size, made)
+        write_verdict(verdict, run.folder)
+    finish(verdict)
     return verdict
 
 
