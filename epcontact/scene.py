@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import html
 import itertools
 import json
 import math
@@ -156,6 +157,26 @@ class Surface:
         sides = " x ".join(f"{length:.4g}" for length in self.periods)
         slope = f"rms slope {self.rms_slope:.3g}"
         return f"<Surface of {points} points on {sides} m, {slope}>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of the surface as HTML, which a notebook shows."""
+        return _html_table(self._description)
+
+    @property
+    def _description(self) -> dict[str, str]:
+        """What the surface is, as texts with units by their names."""
+        texts = {
+            "grid points": " × ".join(str(count) for count in self.shape),
+            "periods": " × ".join(f"{length:.4g} m" for length in self.periods),
+            "spacing": " × ".join(f"{length:.4g} m" for length in self.spacing),
+            "rms height": f"{self.rms_height:.4g} m",
+            "rms slope": f"{self.rms_slope:.4g}",
+        }
+        if self.seed is not None:
+            texts["seed"] = str(self.seed)
+        if self.notes:
+            texts["notes"] = "; ".join(self.notes)
+        return texts
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -393,6 +414,27 @@ class Scene:
         require_kind("body", self.body, Body)
         check_load(self.material, self.load)
 
+    def _repr_html_(self) -> str:
+        """Return a table of the scene as HTML, which a notebook shows.
+
+        What the body has not, such as a hardness or hardening, is left out.
+        """
+        texts = self.surface._description
+        material = self.material
+        texts["poisson ratio"] = f"{material.poisson_ratio:.4g}"
+        for name in ("young_modulus", "hardness", "yield_stress", "hardening_modulus"):
+            value = getattr(material, name)
+            if 0 < value < math.inf:
+                texts[name.replace("_", " ")] = f"{value:.4g} Pa"
+        if material.hardening_curve:
+            texts["hardening curve"] = f"{len(material.hardening_curve)} points"
+        texts["body"] = self.body.kind.replace("_", " ")
+        if self.body.kind != "half_space":
+            texts["body"] += f", {self.body.depth:.4g} m deep"
+        pressures = ", ".join(f"{pressure:.4g}" for pressure in self.load.path)
+        texts["mean pressure"] = f"{pressures} Pa"
+        return _html_table(texts)
+
     @property
     def digest(self) -> str:
         """The name of the scene in results: `scene_digest` of everything it holds."""
@@ -405,6 +447,15 @@ class Scene:
             self.body,
             self.load,
         )
+
+
+def _html_table(texts: Mapping[str, str]) -> str:
+    """Return names and texts as the rows of an HTML table."""
+    rows = [
+        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+        for name, text in texts.items()
+    ]
+    return f"<table>{''.join(rows)}</table>"
 
 
 def scene_digest(

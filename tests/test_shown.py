@@ -10,11 +10,13 @@ import itertools
 import json
 import math
 import re
+import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -22,8 +24,11 @@ import pyvista as pv
 from command_line import invoke
 from conftest import SMALL_CASE
 
+import epcontact
+from epcontact import bem
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Estimate, GateVerdict
+from epcontact.harness.notebook import notebook_progress
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.scene_description import describe_scene
 from epcontact.harness.verdict.evidence import KINDS as REFERENCES
@@ -46,7 +51,14 @@ from epcontact.results import (
     LoadStep,
     Provenance,
 )
-from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
+from epcontact.scene import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+)
 from epcontact.surfaces import SelfAffine
 
 KINDS = ("raw", "corrected", "error")
@@ -645,6 +657,47 @@ def test_a_result_describes_itself_with_its_area_and_its_table_of_loads():
     table = ET.fromstring(result._repr_html_())
     cells = [cell.text for cell in table.iter("td")]
     assert {"loading", "1.25e+10", "0.253", "3e-09"} <= {*cells}
+
+
+def test_a_scene_and_its_charts_show_themselves_in_a_notebook():
+    """The HTML of a scene is a table of its values with units, and that of charts has
+    each picture with its caption.
+    """
+    heights = 1e-6 * np.cos(2 * np.pi * np.arange(64) / 64)
+    surface = Surface(heights, (1e-3,), seed=3)
+    scene = Scene(surface, Material(1e11, 0.3), Load((1e6, 0)), Body("bonded_layer", 1))
+    cells = [cell.text for cell in ET.fromstring(scene._repr_html_()).iter("td")]
+    surface_cells = [
+        cell.text for cell in ET.fromstring(surface._repr_html_()).iter("td")
+    ]
+    slope = f"{surface.rms_slope:.4g}"
+    sides = ["64", "0.001 m", "1.563e-05 m"]
+    assert surface_cells == [*sides, "7.071e-07 m", slope, "3"]
+    material = ["0.3", "1e+11 Pa", "bonded layer, 1 m deep", "1e+06, 0 Pa"]
+    assert cells == surface_cells + material
+    charts = epcontact.plot(scene, bem.solve(replace(scene, body=Body())))
+    page = ET.fromstring(f"<html>{charts._repr_html_()}</html>")
+    captions = [caption.text for caption in page.iter("figcaption")]
+    assert captions == [f"{name}: {c.caption}" for name, c in charts.items()]
+    assert len([*page.iter("img")]) == len(charts) > 1
+
+
+def test_a_notebook_gets_a_bar_of_progress(monkeypatch):
+    """Within IPython's kernel the progress is a bar that is moved, and elsewhere there
+    is none.
+    """
+    assert notebook_progress() is None
+    ipython = mock.MagicMock()
+    ipython.display.HTML = str
+    ipython.get_ipython.return_value = type("ZMQInteractiveShell", (), {})()
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    report_progress = notebook_progress()
+    report_progress(1.5, 4, "case <bem>")
+    report_progress(2.5, 4, "")
+    shown = ipython.display.display.return_value.update.call_args.args[0]
+    assert shown == (
+        '<progress value="2.5" max="4"></progress> 2 of 4 solves: case &lt;bem&gt;'
+    )
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from epcontact.output.charts.curves import (
     pressure_distribution,
     residual_history,
 )
-from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.figures import Chart, Charts
 from epcontact.output.charts.maps import map_of
 from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
@@ -39,8 +39,8 @@ _NOISE = 1e-12
 _MAGNIFICATION, _AREA = "magnification", "area_fraction"
 
 
-def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
-    """Draw what `epcontact run --charts` draws; a notebook shows each chart.
+def plot(scene: Scene, *results: ContactResult) -> Charts:
+    """Draw what `epcontact run --charts` draws; a notebook shows all charts.
 
     Args:
         scene: the scene.
@@ -64,11 +64,11 @@ def plot(scene: Scene, *results: ContactResult) -> dict[str, Chart]:
     for result in results:
         by_method.setdefault(result.method, []).append(result)
     hardness = scene.material.hardness
-    charts: dict[str, Chart] = {}
+    charts = Charts()
     spectrum = spectrum_chart(scene.surface)
     if spectrum is not None:
         charts["power-spectrum"] = spectrum
-    charts |= charts_of_results(by_method, hardness)
+    charts.update(charts_of_results(by_method, hardness))
     for method, (first, *_) in by_method.items():
         if {"state", "pressure", "gap"} <= first.fields.keys():
             caption = f"Contact state and pressure by {method}."

@@ -18,6 +18,7 @@ from epcontact.harness.case_files.case import (
     load_cases,
 )
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
+from epcontact.harness.notebook import notebook_progress
 from epcontact.harness.solving.run import lock_cases, solve_cases
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.files import delete_verdict, write_verdict
@@ -43,7 +44,7 @@ def verify(
     """Solve cases, judge their gates, and write verdict.json and junit.xml.
 
     Those of an earlier run are deleted first, so that a run that is interrupted leaves
-    no verdict.
+    no verdict.  A notebook shows the progress.
 
     Args:
         cases: a name, a path or a loaded case, or several of them; None or empty: the
@@ -73,6 +74,10 @@ def verify(
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
+    if run is None and "progress" not in options:
+        progress = notebook_progress()
+        if progress is not None:
+            options["progress"] = progress
     run = replace(run or Run(), **options)
     made = RunInfo.here()
     delete_verdict(run.folder)

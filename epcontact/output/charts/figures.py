@@ -7,8 +7,10 @@ its import takes longer than most commands.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import csv
+import html
 import io
 import math
 from collections.abc import Iterator, Sequence
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 _SHORT_RANGE = 200.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Chart:
     """A picture with its data and its caption.  A notebook shows the picture.
 
@@ -56,6 +58,10 @@ class Chart:
             with styled():
                 engine.execute(self.figure)
             self.figure.set_layout_engine("none")
+
+    def __repr__(self) -> str:
+        """Return the caption and the number of rows of the data."""
+        return f"<Chart with {len(self.rows)} rows: {self.caption}>"
 
     def png(self) -> bytes:
         """Return the picture of this chart as the bytes of a PNG file."""
@@ -124,6 +130,23 @@ class Chart:
 
 #: The files of a picture that a page may show: the small copy of a chart, or a film.
 PAGE_ENDINGS = (".webp", ".gif")
+
+
+class Charts(dict[str, Chart]):
+    """Charts by name.  A notebook shows all pictures with their captions."""
+
+    def _repr_html_(self) -> str:
+        """Return the pictures with names and captions as HTML."""
+        figures = []
+        for name, chart in self.items():
+            picture = base64.b64encode(chart.png()).decode()
+            caption = html.escape(f"{name}: {chart.caption}")
+            figures.append(
+                f'<figure><img alt="{caption}" style="max-width: 45em; width: 100%" '
+                f'src="data:image/png;base64,{picture}"/><figcaption>{caption}'
+                "</figcaption></figure>"
+            )
+        return "".join(figures)
 
 
 class Pictures(NamedTuple):
