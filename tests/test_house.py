@@ -48,7 +48,7 @@ TOKENS = {
     "epcontact.results": 2_096,
     "epcontact.scene": 3_696,
     "epcontact.studies": 22_428,
-    "epcontact.surfaces": 18_425,
+    "epcontact.surfaces": 18_708,
     "fem_check": 29_299,
     "lines of saved screens": 699,
     "tests": 142_965,

@@ -63,6 +63,7 @@ HEADERS = {
     "brackets": "x [mm]; Höhe [µm]\n",
     "a stylus": '"Scan Length",2.5,"mm"\n\nLateral(mm),Total Profile(µm)\n',
     "words": "# Profile 1\n# mm um\n",
+    "the number of points": "X mm,Z um\n200\n",
 }
 
 
@@ -110,10 +111,9 @@ def test_points_on_a_straight_line_are_a_profile(tmp_path, columns):
     are the same profile.
     """
     path = written(tmp_path / "a.txt", table(columns))
-    recipe = HeightsFromFile(path, (), 1e-6, "periodic", form=0, accept=("slope",))
+    recipe = HeightsFromFile(path, (2.5e-3,), 1e-6, "periodic", form=0)
     expected = 1e-6 * (Z - Z.mean())
     assert recipe.build().heights == pytest.approx(expected, abs=1e-12)
-    assert recipe.periods == pytest.approx((2.5e-6,), rel=0.003)
 
 
 def test_uneven_steps_are_interpolated(tmp_path):
@@ -123,9 +123,9 @@ def test_uneven_steps_are_interpolated(tmp_path):
     uneven = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 400)) * 0.00625
     heights = np.sin(2 * np.pi * uneven / 0.625)
     path = written(tmp_path / "a.txt", table([uneven, heights], digits=9))
-    recipe = HeightsFromFile(path, (), 1e-3, "periodic", form=0)
-    line = 1e3 * recipe.build().heights
-    step = 1e3 * recipe.periods[0] / line.size
+    recipe = HeightsFromFile(path, (2.466e-3,), 1e-6, "periodic", form=0)
+    line = 1e6 * recipe.build().heights
+    step = 2.466 / line.size
     even = np.sin(2 * np.pi * (uneven[0] + step * np.arange(line.size)) / 0.625)
     assert line == pytest.approx(even - even.mean(), abs=5e-3)
     note = next(n for n in recipe.build().notes if "uneven" in n)
@@ -157,6 +157,7 @@ def test_points_that_a_profile_leaves_out_are_missing(tmp_path):
     [
         ([Z, X], "its two columns are no profile"),
         ([X, Z, Z + 1], "leave one column of heights"),
+        ([X, Z, X, Z + 1], "its 4 columns are neither x, y and height"),
     ],
 )
 def test_columns_that_are_no_profile_are_refused(tmp_path, columns, message):
@@ -167,12 +168,14 @@ def test_columns_that_are_no_profile_are_refused(tmp_path, columns, message):
 
 
 def test_a_profile_of_unknown_x_needs_a_period(tmp_path):
-    """If the header states the unit of the heights alone, the length is asked for, and
-    a period of other digits than x is refused.
+    """If the header does not state the unit of x, the length is asked for, and a period
+    of other digits than x is refused.
     """
+    bare = written(tmp_path / "b.txt", table([X, Z], ";"))
     path = written(tmp_path / "a.txt", "x; height [µm]\n" + table([X, Z], ";"))
-    with refused("states the unit of its heights, but not that of its x; give period"):
-        HeightsFromFile(path)
+    for file, unit in ((path, None), (bare, 1e-6)):
+        with refused("does not state the unit of its x; give the length of the map"):
+            HeightsFromFile(file, unit=unit)
     assert HeightsFromFile(path, (2.5e-3,)).shape == (200,)
     with refused(
         r"states lengths of 2.5 .*\(the x of its points\), but period = \[0.0"
@@ -191,10 +194,11 @@ STATED = {
     "gwyddion in German": "# Kanal: Höhe\n# Breite: 6,000 µm\n# Höhe: 4,000 µm\n"
     "# Einheiten: nm\n",
     "spip": "# File Format = ASCII\n# x-pixels = 30\n# y-pixels = 20\n"
-    "# x-length = 6000\n# y-length = 4000\n# x-unit = nm\n# z-unit = [nm]\n",
-    "wsxm": "WSxM file\nX Amplitude: 6 µm\nY Amplitude: 4 µm\nZ unit: nm\n",
+    "# x-length = 6000\n# y-length = 4000\n# z-unit = [nm]\n",
+    "wsxm": "WSxM file\nX Amplitude: 6 µm\nY Amplitude: 4 µm\nZ Amplitude: 7 nm\n",
     "keyence": '"Model","VK"\n"Horizontal","30"\n"XY Calibration","200","nm"\n'
     '"Unit","nm"\n"Height"\n',
+    "both": "Some text\nScan Size: 6 x 4 µm\nunit of z = nm\n",
     "steps": "dx(um),0.2\ndy(um),0.2\nheights in nanometres\n",
     "nova": "Unit X = um\nScale X = 0.2\nScale Y = 0.2\nUnit Data = nm\n",
 }
@@ -241,6 +245,18 @@ def test_contradictions_to_a_header_are_refused(tmp_path, name, key, value, word
     assert recipe.unit == (value if key == "unit" else None)
     agreeing = HeightsFromFile(path, (6e-6, 4e-6), unit=1e-9)
     assert agreeing.periods == (6e-6, 4e-6)
+
+
+def test_one_size_is_that_of_a_square_map(tmp_path):
+    """A single scan size counts for both directions of a square map, and for no other
+    map.
+    """
+    header = "Scan Size (µm): 5\nValue units: nm\n"
+    square = written(tmp_path / "a.txt", header + table(MAP[:, :20]))
+    assert HeightsFromFile(square).periods == pytest.approx((5e-6, 5e-6))
+    oblong = written(tmp_path / "b.txt", header + table(MAP.T))
+    with refused("does not say how large the map is"):
+        HeightsFromFile(oblong)
 
 
 def test_a_header_that_contradicts_itself_is_refused(tmp_path):

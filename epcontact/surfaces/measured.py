@@ -292,8 +292,8 @@ class HeightsFromFile(Preparation):
             problem = "does not say how large the map is; give its periods in m"
         elif not given and not self.pixel_size and self._has_unknown_lengths():
             problem = (
-                "states the unit of its heights, but not that of its x; give period or "
-                "pixel_size in m"
+                "does not state the unit of its x; give the length of the map as "
+                "period, or the step of x as pixel_size, in m"
             )
         elif one_for_both and shape[0] != shape[-1]:
             problem = (
@@ -316,8 +316,15 @@ class HeightsFromFile(Preparation):
         return periods
 
     def _has_unknown_lengths(self) -> bool:
-        """Return True if the file states the unit of its heights alone."""
-        return self._map.unit is not None and self._map.length_unit is None
+        """Return True if the file states lengths in a unit that nobody gives.
+
+        A list of x, y and height that states no unit is in one unit.  The x of a
+        profile, and of a file that states the unit of its heights alone, often has
+        another unit than the heights.
+        """
+        stored = self._map
+        may_differ = stored.unit is not None or len(self.shape) == 1
+        return may_differ and stored.length_unit is None
 
     def _require_stated_size(self, periods: tuple[float, ...], key: str) -> None:
         """Raise InvalidScene if given periods differ from those that the file states.
@@ -341,13 +348,15 @@ class HeightsFromFile(Preparation):
             ratio = 10.0 ** round(math.log10(max(float(ratios[0]), _LEAST_RATIO)))
         for period, length, points in zip(periods, stated, self.shape, strict=True):
             if not lengths_agree(period, ratio * float(length), points):
-                unit = "the unit of the file"
+                unit = "a unit that it does not state"
+                remedy = f"give {ratio * length:g} m or another power of ten of it"
                 if stored.length_unit is not None:
                     unit = f"units of {ratio:g} m"
+                    remedy = "leave it out"
                 lengths = ", ".join(f"{value:g}" for value in stated)
                 raise InvalidScene(
                     f"{self.path} states lengths of {lengths} in {unit} "
-                    f"({stored.size_source}), but {key} given; leave it out, or set "
+                    f"({stored.size_source}), but {key} given; {remedy}, or set "
                     'accept = ["size"] if the file is wrong'
                 )
 

@@ -25,6 +25,8 @@ from epcontact.surfaces.x3p import read_x3p
 
 #: Endings of compressed files, which are not read.
 ARCHIVES = {".gz", ".zip", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz", ".zst"}
+#: Endings of tables of numbers in text.
+_TABLES = (".txt", ".text", ".dat", ".csv", ".tsv", ".tab", ".prn", ".xyz")
 #: Most members of an archive that a message lists.
 _LISTED = 5
 
@@ -177,6 +179,6 @@ READERS: dict[str, Callable[[Path], HeightMap]] = {
     ".vti": _read_fields,
     ".x3p": read_x3p,
     ".asc": _read_asc,
-    **dict.fromkeys((".txt", ".dat", ".csv", ".tsv", ".xyz"), read_table),
+    **dict.fromkeys(_TABLES, read_table),
     **dict.fromkeys((".stl", ".ply", ".vtu"), _read_mesh),
 }

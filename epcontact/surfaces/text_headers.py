@@ -38,8 +38,12 @@ _X_LENGTH = (
     r"(?:x[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
     r"|width|breite|largeur|anchura|larghezza"
     r"|(?:scan|profile|trace|evaluation|traverse|measuring)[-_ ]?"
-    r"(?:size|length|range|width))"
+    r"(?:length|len|range|width))"
 )
+#: Words for one length of a square map, or for both lengths.
+_BOTH_LENGTHS = r"(?:scan|image|map|field)[-_ ]?size"
+#: The line with which the header of a text file of SPIP begins; it has lengths in nm.
+_SPIP = "file format = ascii"
 _Y_LENGTH = (
     r"(?:y[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
     r"|height|höhe|hauteur|altura|altezza)"
@@ -104,7 +108,8 @@ def read_scale(header: list[str]) -> StatedScale:
     """Return the units and lengths that the lines of a header state.
 
     The first line that states a quantity counts.  A length without a unit is in the
-    unit of lengths that another line states, and is left out if there is none.
+    unit of lengths that another line states, in nm in files of SPIP, and is left out
+    otherwise.
 
     Args:
         header: the lines above the table of numbers, with their marks of comments.
@@ -123,15 +128,31 @@ def read_scale(header: list[str]) -> StatedScale:
                 unit = UNITS[match["unit"]]
                 unit_source = _shown(line)
                 break
+    if unit is None:
+        # WSxM states how far the heights of a map reach, in their unit.
+        for plain, line in lines:
+            match = re.search(
+                rf"^z amplitude{_GAP}{_NUMBER}\s*(?P<unit>{_UNIT})", plain
+            )
+            if match:
+                unit = UNITS[match["unit"]]
+                unit_source = _shown(line)
     length_unit, _ = _find_unit(lines, rf"^{_UNIT_OF_LENGTHS}\b")
-    pixel = _find_length(lines, _PIXEL, length_unit)
+    if length_unit is None and any(line == _SPIP for line, _ in lines):
+        length_unit = 1e-9
+    both = _find_lengths(lines, _BOTH_LENGTHS, length_unit)
+    pixel = _find_lengths(lines, _PIXEL, length_unit)
+    x_length = _find_lengths(lines, _X_LENGTH, length_unit) or both
+    y_length = _find_lengths(lines, _Y_LENGTH, length_unit) or both[1:]
+    x_pixel = _find_lengths(lines, _X_PIXEL, length_unit) or pixel
+    y_pixel = _find_lengths(lines, _Y_PIXEL, length_unit) or pixel
     return StatedScale(
         unit,
         unit_source,
-        _find_length(lines, _X_LENGTH, length_unit),
-        _find_length(lines, _Y_LENGTH, length_unit),
-        _find_length(lines, _X_PIXEL, length_unit) or pixel,
-        _find_length(lines, _Y_PIXEL, length_unit) or pixel,
+        x_length[0] if x_length else None,
+        y_length[-1] if y_length else None,
+        x_pixel[0] if x_pixel else None,
+        y_pixel[-1] if y_pixel else None,
         columns,
     )
 
@@ -161,19 +182,25 @@ def _find_unit(lines: list[tuple[str, str]], words: str) -> tuple[float | None, 
     return None, ""
 
 
-def _find_length(
+def _find_lengths(
     lines: list[tuple[str, str]], words: str, length_unit: float | None
-) -> StatedLength | None:
-    """Return the first positive length that follows given words, None if there is none.
+) -> list[StatedLength]:
+    """Return the first positive length that follows given words, or the first two.
+
+    Two lengths are those along x and y: "Scan size: 10 x 5 µm".
 
     Args:
         lines: each line of the header, in lower case and as it is.
         words: a pattern of the words in front of the number.
         length_unit: the unit in m of numbers without one; None leaves these out.
+
+    Returns:
+        One length, two, or none if no line states it.
     """
     pattern = (
         rf"^{words}\s*(?:[(\[/]\s*(?P<before>{_UNIT})[^)\]:=;,]*[)\]]?)?{_GAP}"
-        rf"(?P<number>{_NUMBER})[\s,;(\[]*(?P<after>{_UNIT})?"
+        rf"(?P<x>{_NUMBER})(?:\s*(?:{_UNIT})?\s*[x×*]\s*(?P<y>{_NUMBER}))?"
+        rf"[\s,;(\[]*(?P<after>{_UNIT})?"
     )
     for plain, line in lines:
         match = re.search(pattern, plain)
@@ -181,10 +208,14 @@ def _find_length(
             continue
         word = match["before"] or match["after"]
         unit = UNITS[word] if word else length_unit
-        value = float(match["number"].rstrip(",.").replace(",", "."))
-        if unit and value > 0:
-            return StatedLength(value * unit, _shown(line))
-    return None
+        lengths = []
+        for number in (match["x"], match["y"]):
+            value = float((number or "0").rstrip(",.").replace(",", "."))
+            if unit and value > 0:
+                lengths.append(StatedLength(value * unit, _shown(line)))
+        if lengths:
+            return lengths
+    return []
 
 
 def _column_units(lines: list[str]) -> tuple[float | None, ...]:
@@ -197,14 +228,14 @@ def _column_units(lines: list[str]) -> tuple[float | None, ...]:
         lines: the lines of the header in lower case.
     """
     for line in reversed(lines):
-        bracketed = re.findall(rf"[(\[/]\s*({_UNIT})", line)
+        bracketed = re.findall(rf"[(\[/]\s*({_UNIT}|a(?=\s*[)\]]))", line)
         if len(bracketed) in (2, 3):
-            return tuple(UNITS[word] for word in bracketed)
+            return tuple(unit_in_metres(word) for word in bracketed)
         cells = re.split(r"\s*[;,\t]\s*", line)
         if len(cells) < 2:
             cells = line.split()
-        words = [re.search(rf"(?:^|\s)({_UNIT})$", cell) for cell in cells]
-        units = [UNITS[word[1]] if word else None for word in words]
+        words = [re.search(rf"(?:^|\s)({_UNIT}|a|ang)$", cell) for cell in cells]
+        units = [unit_in_metres(word[1]) if word else None for word in words]
         if len(cells) in (2, 3) and units[-1] and units[-2]:
             return tuple(units)
     return ()

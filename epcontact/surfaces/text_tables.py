@@ -39,6 +39,9 @@ from epcontact.surfaces.text_headers import StatedLength, StatedScale, read_scal
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
 #: Most characters of a wrong cell that a message shows.
 _SHOWN = 40
+#: Most columns of a table that may hold several profiles, and how many times as many
+#: rows it then has.
+_PROFILES, _LONG = 6, 3
 #: Most lines that are searched for commas which separate and are decimal, too.
 _SEARCHED = 16
 
@@ -67,7 +70,7 @@ def read_table(path: Path) -> HeightMap:
             "separate the numbers by ; or tabs, or write them with points"
         )
     try:
-        table = np.array(list(_rows(lines, separator, decimal)))
+        table = np.array(_rows(lines, separator, decimal))
     except ValueError as error:
         raise InvalidScene(f"{path}: is no table of numbers: {error}") from None
     skipped = len(lines) - len(table)
@@ -134,9 +137,10 @@ def _require_no_profile(table: FloatArray, path: Path) -> None:
             f"{path}: its two columns are no profile, because the first does not "
             "increase from row to row; give x and height, or the heights alone"
         )
-    if columns == 3 and is_coordinate(table[:, 0]) and rows > 2 * FEWEST:
+    is_long = rows > _LONG * columns
+    if 3 <= columns <= _PROFILES and is_long and is_coordinate(table[:, 0]):
         raise InvalidScene(
-            f"{path}: its three columns are neither x, y and height of points on a "
+            f"{path}: its {columns} columns are neither x, y and height of points on a "
             "grid, nor number, x and height of a profile; leave one column of heights "
             "beside x"
         )
@@ -188,7 +192,10 @@ def _stated_lengths(
         InvalidScene: The distance of the points and the length of the map contradict
             each other.
     """
-    lengths = (scale.x_length, scale.y_length)
+    y_length = scale.y_length
+    if shape[0] == shape[-1] and y_length is None and scale.y_pixel is None:
+        y_length = scale.x_length  # the one size of a square map
+    lengths = (scale.x_length, y_length)
     pixels = (scale.x_pixel, scale.y_pixel)
     periods = []
     sources = []
@@ -277,12 +284,13 @@ def _has_decimal_commas(lines: list[str]) -> bool:
 
 def _rows(
     lines: dict[int, str], separator: str | None, decimal: str
-) -> Iterator[list[float]]:
-    """Yield the numbers of each line below the header, NaN for an empty cell.
+) -> list[list[float]]:
+    """Return the numbers of each line below the header, NaN for an empty cell.
 
     Args:
         lines: the lines of the file by their numbers, without comments.  Lines above
-            the first line of numbers are the header.
+            the first line of numbers are the header, and so is a first line with
+            fewer numbers than the second, such as the number of points.
         separator: the text between two numbers; None for white space.
         decimal: the decimal mark, "." or ",".
 
@@ -292,6 +300,7 @@ def _rows(
     """
     # With a decimal comma, a point makes no number.
     marks = str.maketrans(",.", ".,") if decimal == "," else {}
+    rows: list[list[float]] = []
     width = 0
     for number, line in lines.items():
         try:
@@ -306,14 +315,17 @@ def _rows(
                     "numbers by ; , tabs or spaces"
                 ) from None
             continue  # a line of the header
-        if width not in (0, len(row)):
+        if len(rows) == 1 and width < len(row):
+            rows.clear()
+        elif width not in (0, len(row)):
             raise ValueError(
                 f"line {number} holds {len(row)} numbers, the one above {width}"
             )
         width = len(row)
-        yield row
-    if not width:
+        rows.append(row)
+    if not rows:
         raise ValueError("no line begins with a number")
+    return rows
 
 
 def _value(cell: str, marks: dict[int, int]) -> float:
