@@ -10,8 +10,8 @@ theory accounts for this by dG = S dtau, where S depends on the relative contact
     wang_muser   S = gamma - (2/9) A^2 + (11/9 - gamma) A^4
     xu           G = [gamma + (1 - gamma) A] tau, with the area at the end of the range:
                  one implicit equation instead of a differential one
-    local        S depends on the pressure, too, so that no G describes the stress: see
-                 `local`
+    near_bounds  S depends on the pressure, too, so that no G describes the stress: see
+                 `near_bounds`
 
 Values of gamma: constant .536 (Almqvist and Persson), persson .45 (Yang and Persson,
 2008), wang_muser 5/9 (Wang and Mueser, 2017), xu .42 (Xu et al., 2024).
@@ -38,7 +38,7 @@ from epcontact.persson.elastoplastic import areas, boundary_slopes
 from epcontact.results import FloatArray
 from epcontact.scene import array, number, require_one_of, set_frozen
 
-Rule = Literal["constant", "persson", "wang_muser", "xu", "local"]
+Rule = Literal["constant", "persson", "wang_muser", "xu", "near_bounds"]
 
 #: Gauss points and weights on (0, 1).
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -55,7 +55,8 @@ class EnergyReduction:
     Attributes:
         gamma: Between 0, excluded, and 1.  The rule "wang_muser" needs 0.011 at least,
             because below it its polynomial is negative at some area.
-        rule: One of the rules of this module; "local" is that of `persson.local`.
+        rule: One of the rules of this module; "near_bounds" is that of
+            `persson.near_bounds`.
 
     Raises:
         InvalidScene: The rule is unknown or gamma is out of range.
@@ -90,7 +91,7 @@ class EnergyReduction:
             Dimensionless factor of the same shape.
 
         Raises:
-            InvalidScene: The rule is "local", whose S depends on the pressure.
+            InvalidScene: The rule is "near_bounds", whose S depends on the pressure.
         """
         A = np.asarray(contact_area, dtype=np.float64)
         g = self.gamma
@@ -103,10 +104,10 @@ class EnergyReduction:
                 return g - 2 / 9 * A**2 + (11 / 9 - g) * A**4
             case "xu":
                 return g + (1 - g) * A
-            case "local":
+            case "near_bounds":
                 raise InvalidScene(
-                    "the rule 'local' has an S for each pressure: it gives areas and "
-                    "pressures, but no diffusion G, elastic energy, gap or moving "
+                    "the rule 'near_bounds' has an S for each pressure: it gives areas "
+                    "and pressures, but no diffusion G, elastic energy, gap or moving "
                     "hardness"
                 )
 
@@ -142,7 +143,7 @@ def reduced_diffusion(
     """Return G in Pa^2, the diffusion with the reduction S of elastic energy.
 
     Args:
-        reduction: The rule of S; the rule "local" has no G.
+        reduction: The rule of S; the rule "near_bounds" has no G.
         full_contact_diffusion: tau in Pa^2, of any shape.
         mean_pressure: p_0 in Pa.
         hardness: sigma_P in Pa; infinite for an elastic body.
@@ -153,7 +154,7 @@ def reduced_diffusion(
 
     Raises:
         InvalidScene: tau is negative or not finite, the mean pressure is not between 0
-            and the hardness, or the rule is "local".
+            and the hardness, or the rule is "near_bounds".
         NotConverged: Newton's method did not find G.
     """
     tau = array("full_contact_diffusion", full_contact_diffusion)
@@ -162,7 +163,7 @@ def reduced_diffusion(
             "full_contact_diffusion must hold finite numbers >= 0 in Pa^2"
         )
     areas(0.0, mean_pressure, hardness)  # checks the pressures
-    if reduction.rule in ("constant", "local"):  # `factor` refuses the second
+    if reduction.rule in ("constant", "near_bounds"):  # `factor` refuses the second
         return reduction.factor(1.0) * tau
     # Up to here A = 1 to 1e-22, and all other rules have S(1) = 1.
     smallest = mean_pressure**2 / 200

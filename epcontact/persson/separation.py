@@ -81,11 +81,11 @@ def elastic_energy(theory: Theory, mean_pressure: float) -> float:
     """Return the elastic energy U_el in J per m^2 of nominal area.
 
     Args:
-        theory: The body; its reduction must not be "local".
+        theory: The body; its reduction must not be "near_bounds".
         mean_pressure: In Pa.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     tau = _band_diffusion(theory)
     contact = areas(tau, mean_pressure, theory.hardness)
@@ -103,7 +103,7 @@ def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
         mean_pressure: p in Pa.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     roughness = theory.roughness
     hardness = theory.hardness
@@ -136,12 +136,12 @@ def mean_separation(
     """Return the mean separation ubar in m, the mean of the open gap.
 
     Args:
-        theory: The body; its reduction must not be "local".
+        theory: The body; its reduction must not be "near_bounds".
         mean_pressure: In Pa.
         steps_per_e_fold: Steps of the integral to a factor e of the pressure.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     areas(0.0, mean_pressure, theory.hardness)  # checks the pressure
     theory = flattened(theory, mean_pressure)
@@ -171,7 +171,7 @@ def flattened(theory: Theory, mean_pressure: float) -> Theory:
         mean_pressure: In Pa.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     if math.isinf(theory.hardness):
         return theory
@@ -218,7 +218,7 @@ def gap_distribution(
     """Return the probability density and the cumulative fraction of the open gap.
 
     Args:
-        theory: The body; its reduction must not be "local".
+        theory: The body; its reduction must not be "near_bounds".
         mean_pressure: In Pa.
         gap: Gaps u in m, of any shape.
 
@@ -227,7 +227,7 @@ def gap_distribution(
         of at most u; at u = 0 this is the fraction in contact.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     u = np.asarray(gap, dtype=np.float64)
     area, means, spreads = _levels(flattened(theory, mean_pressure), mean_pressure)
@@ -257,7 +257,7 @@ def _levels(
         of the finer roughness in m, (n,) each.
 
     Raises:
-        InvalidScene: The pressure is out of range, or the reduction is "local".
+        InvalidScene: The pressure is out of range, or the reduction is "near_bounds".
     """
     roughness = theory.roughness
     variance = np.concatenate([[0.0], np.cumsum(roughness.slope_variance)])

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from epcontact.errors import InvalidScene
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
-from epcontact.persson.local import (
+from epcontact.persson.near_bounds import (
     CONSTANTS,
     RESOLUTION,
-    LocalState,
+    StressState,
     integrate,
     relative_wavenumbers,
 )
@@ -191,7 +191,7 @@ class Theory:
     def diffusion(
         self, mean_pressure: float, magnification: ArrayLike | None = None
     ) -> FloatArray:
-        """Return G in Pa^2, or with the rule "local" the diffusion of full contact.
+        """Return G in Pa^2; with the rule "near_bounds", tau, that of full contact.
 
         Args:
             mean_pressure: p_0 in Pa.
@@ -212,7 +212,7 @@ class Theory:
                 )
             variance = self.roughness.slope_variance_up_to(zeta * self.roughness.lowest)
         tau = full_contact_diffusion(self.effective_modulus, variance)
-        if self.reduction.rule == "local":
+        if self.reduction.rule == "near_bounds":
             areas(0.0, mean_pressure, self.hardness)  # checks the pressure
             return tau
         return reduced_diffusion(self.reduction, tau, mean_pressure, self.hardness)
@@ -238,10 +238,10 @@ class Theory:
         if zeta.ndim != 1:
             raise InvalidScene("magnifications must be a list of numbers, not a table")
         G = self.diffusion(mean_pressure, zeta)
-        if self.reduction.rule == "local":
+        if self.reduction.rule == "near_bounds":
             # Linear interpolation between four times the usual steps errs by 1e-4.
             nodes, steps = RESOLUTION
-            state = self.local_state(mean_pressure, resolution=(nodes, 4 * steps))
+            state = self.stress_state(mean_pressure, resolution=(nodes, 4 * steps))
             found = state.areas_at(G)
         else:
             found = areas(G, mean_pressure, self.hardness)
@@ -267,40 +267,42 @@ class Theory:
             InvalidScene: The magnification or the pressure is out of range.
         """
         G = float(self.diffusion(mean_pressure, magnification))
-        if self.reduction.rule != "local" or G == 0:
+        if self.reduction.rule != "near_bounds" or G == 0:
             return pressure_curve(G, mean_pressure, self.hardness)
-        state = self.local_state(mean_pressure, G)
+        state = self.stress_state(mean_pressure, G)
         plastic = float(state.plastic[-1])
         return PressureCurve(state.pressure, state.density, state.cumulative, plastic)
 
-    def local_state(
+    def stress_state(
         self,
         mean_pressure: float,
         end: float = math.inf,
         resolution: tuple[int, int] = RESOLUTION,
-    ) -> LocalState:
-        """Return the stress by the rule "local".
+    ) -> StressState:
+        """Return the stress by the rule "near_bounds".
 
         Args:
             mean_pressure: p_0 in Pa.
             end: Diffusion of full contact in Pa^2 at which the integration ends;
                 infinite: that of all of the roughness.
-            resolution: Nodes and steps, see `persson.local.RESOLUTION`.
+            resolution: Nodes and steps, see `persson.near_bounds.RESOLUTION`.
 
         Raises:
             InvalidScene: The surface is flat.
         """
         if self.roughness.rms_slope == 0:
-            raise InvalidScene("the surface is flat, but the rule 'local' needs slopes")
+            raise InvalidScene(
+                "the surface is flat, but the rule 'near_bounds' needs slopes"
+            )
         variance, breadth = relative_wavenumbers(self.roughness)
         tau = full_contact_diffusion(self.effective_modulus, variance)
         last = int(np.searchsorted(tau, end)) + 1
-        _, b, c = CONSTANTS
+        _, reach, strip = CONSTANTS
         return integrate(
             np.minimum(tau, end)[:last],
             breadth[:last],
             mean_pressure,
             self.hardness,
-            constants=(self.reduction.gamma, b, c),
+            constants=(self.reduction.gamma, reach, strip),
             resolution=resolution,
         )

@@ -24,7 +24,7 @@ import numpy as np
 
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import ContactAreas, areas
-from epcontact.persson.local import CONSTANTS
+from epcontact.persson.near_bounds import CONSTANTS
 from epcontact.persson.roughness import Roughness, analytic_roughness
 from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
@@ -83,13 +83,17 @@ _GAP_ENDS = (-0.95, 1.0)
 #: waves with seeds 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
 _BROAD = 16.0
 _GAP_OF_BROAD = 0.02
-#: 95 % of the errors of the rule "local" over the map (`laboratory.local_reduction`),
+#: 95 % of the errors of the rule "near_bounds" over the map (`laboratory.near_bounds`),
 #: and what a single surface adds (`laboratory.theory_map --local --judge 7000 7300`).
-LOCAL_ERRORS = {"total": (0.04, 0.05), "elastic": (0.20, 0.38), "plastic": (0.11, 0.05)}
+NEAR_BOUNDS_ERRORS = {
+    "total": (0.04, 0.05),
+    "elastic": (0.20, 0.38),
+    "plastic": (0.11, 0.05),
+}
 #: These errors hold for areas of this fraction at least, and for plastic areas up to
 #: this hardness/(E* xi).
-_LOCAL_SMALLEST_AREA = 1e-3
-_LOCAL_HARDEST_PLASTIC = 1.3
+_SMALLEST_AREA = 1e-3
+_HARDEST_PLASTIC = 1.3
 #: Surfaces with up to this factor fewer waves of the slope than the map's were compared
 #: with it.
 _FEWER_WAVES = 2.5
@@ -138,17 +142,17 @@ def expected_errors(
         True
     """
     rule = theory.reduction.rule
-    gamma_of_map = CONSTANTS[0] if rule == "local" else GAMMA
+    gamma_of_map = CONSTANTS[0] if rule == "near_bounds" else GAMMA
     same_gamma = abs(theory.reduction.gamma - gamma_of_map) <= GAMMA_TOLERANCE
-    if rule not in ("constant", "local") or not same_gamma:
+    if rule not in ("constant", "near_bounds") or not same_gamma:
         raise InvalidScene(
             f"the map of the theory's error is for a constant gamma of {GAMMA:g}, or "
-            f"{CONSTANTS[0]:g} with the rule 'local'"
+            f"{CONSTANTS[0]:g} with the rule 'near_bounds'"
         )
     if not theory.roughness.rms_slope:
         raise InvalidScene("the surface is flat")
-    if rule == "local":
-        return _errors_of_local_rule(theory, mean_pressure, surfaces)
+    if rule == "near_bounds":
+        return _errors_near_bounds(theory, mean_pressure, surfaces)
     ends, true_areas = _interpolate(theory, mean_pressure, surfaces)
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
@@ -173,16 +177,16 @@ def expected_errors(
     return expected
 
 
-def _errors_of_local_rule(
+def _errors_near_bounds(
     theory: Theory, mean_pressure: float, surfaces: int
 ) -> dict[str, ExpectedError]:
-    """Return the expected errors of the rule "local", by the names of the areas.
+    """Return the expected errors of the rule "near_bounds", by the names of the areas.
 
     An area is left out where it is too small, and the plastic area where the body is
-    too hard for `LOCAL_ERRORS`.
+    too hard for `NEAR_BOUNDS_ERRORS`.
 
     Args:
-        theory: The body, with the rule "local".
+        theory: The body, with the rule "near_bounds".
         mean_pressure: In Pa.
         surfaces: Number of surfaces whose mean is compared.
 
@@ -190,12 +194,12 @@ def _errors_of_local_rule(
         InvalidScene: The scene is outside the map of the theory's error.
     """
     place, *_ = _place_in_map(theory, mean_pressure)
-    contact = theory.local_state(mean_pressure).areas
+    contact = theory.stress_state(mean_pressure).areas
     errors = {}
-    for name, (common, single) in LOCAL_ERRORS.items():
+    for name, (common, single) in NEAR_BOUNDS_ERRORS.items():
         hardness = place.get(_HARDNESS, math.inf)
-        too_hard = name == "plastic" and hardness > _LOCAL_HARDEST_PLASTIC
-        if getattr(contact, name) >= _LOCAL_SMALLEST_AREA and not too_hard:
+        too_hard = name == "plastic" and hardness > _HARDEST_PLASTIC
+        if getattr(contact, name) >= _SMALLEST_AREA and not too_hard:
             error = math.hypot(common, single / math.sqrt(surfaces))
             errors[name] = ExpectedError(-error, 0.0, error)
     return errors
@@ -299,7 +303,7 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
     not_defined = set()
     if math.isinf(theory.hardness):
         not_defined.add("plastic")
-    if theory.reduction.rule == "local":
+    if theory.reduction.rule == "near_bounds":
         not_defined.add("mean_gap")
     for name, words in LISTED.items():
         if name in errors:

@@ -32,7 +32,7 @@ from epcontact.harness.gates import distance
 from epcontact.harness.solving.saved import load_saved
 from epcontact.materials.moduli import effective_modulus
 from epcontact.persson import EnergyReduction, Theory, roughness_of, validity
-from epcontact.persson.local import CONSTANTS
+from epcontact.persson.near_bounds import CONSTANTS
 from epcontact.persson.separation import mean_separation
 from epcontact.results import PressureDistribution
 from epcontact.studies.paper_scene import LOWEST, MODULUS
@@ -259,9 +259,11 @@ def judge(first, last, light=False, local=False):
     """Print how often the map's intervals hold the theory's errors on random scenes
     `first` to `last` - 1.
 
-    `light` takes light loads on wide spectra, and `local` the rule "local".
+    `light` takes light loads on wide spectra, and `local` the rule "near_bounds".
     """
-    rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"} if local else {}
+    rule = (
+        {"energy_reduction": CONSTANTS[0], "reduction": "near_bounds"} if local else {}
+    )
     limits = ((64, 256), -4.0) if light else ()
     found = [
         row
@@ -285,7 +287,7 @@ def main():
     parser.add_argument(
         "--light", action="store_true", help="light loads of wide spectra"
     )
-    parser.add_argument("--local", action="store_true", help="the rule 'local'")
+    parser.add_argument("--local", action="store_true", help="the rule 'near_bounds'")
     given = parser.parse_args()
     if given.judge:
         return judge(*given.judge, given.light, given.local)

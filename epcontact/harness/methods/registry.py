@@ -94,8 +94,11 @@ class TheoryTable(Table):
     energy_reduction: float = Field(
         gt=0, le=1, description="gamma, elastic energy reduction"
     )
-    reduction: Literal["constant", "persson", "wang_muser", "xu", "local"] = Field(
-        default="constant", description="how gamma turns into S(q) as the contact fills"
+    reduction: Literal["constant", "persson", "wang_muser", "xu", "near_bounds"] = (
+        Field(
+            default="constant",
+            description="how gamma turns into S(q) as the contact fills",
+        )
     )
     spectrum: Literal["analytic", "surface"] = Field(
         default="analytic", description="the spectrum drawn from, or each surface's own"

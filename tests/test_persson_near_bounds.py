@@ -1,4 +1,4 @@
-"""The rule "local" of the theory: identities, limits, orders and refusals."""
+"""The rule "near_bounds" of the theory: identities, limits, orders and refusals."""
 
 import math
 from dataclasses import replace
@@ -11,8 +11,14 @@ from numpy.testing import assert_allclose
 
 from epcontact import persson
 from epcontact.errors import InvalidScene
-from epcontact.persson import EnergyReduction, Theory, analytic_roughness, areas, local
-from epcontact.persson.local import CONSTANTS, integrate, relative_wavenumbers
+from epcontact.persson import (
+    EnergyReduction,
+    Theory,
+    analytic_roughness,
+    areas,
+    near_bounds,
+)
+from epcontact.persson.near_bounds import CONSTANTS, integrate, relative_wavenumbers
 from epcontact.persson.separation import (
     elastic_energy,
     gap_distribution,
@@ -37,10 +43,11 @@ def fractions(state):
 
 
 def body(hardness=math.inf):
-    """Return the theory of ROUGH by the rule "local" with E* = 1; `hardness` is in this
-    unit.
+    """Return the theory of ROUGH by the rule "near_bounds" with E* = 1.
+
+    `hardness` is in this unit.
     """
-    return Theory(ROUGH, 1.0, EnergyReduction(CONSTANTS[0], "local"), hardness)
+    return Theory(ROUGH, 1.0, EnergyReduction(CONSTANTS[0], "near_bounds"), hardness)
 
 
 @settings(max_examples=25)
@@ -72,7 +79,7 @@ def test_areas_sum_to_one_carry_the_load_and_are_those_of_the_mirror_image(
 @pytest.mark.parametrize("load", LOADS)
 def test_cells_and_steps_are_of_second_order_and_the_default_is_right(load):
     """Areas converge with the second order in the number of cells and steps, and by
-    default are right to 0.8 %.
+    default are right to 0.4 %.
 
     `load` is mean pressure and hardness over E* xi.
     """
@@ -90,7 +97,7 @@ def test_cells_and_steps_are_of_second_order_and_the_default_is_right(load):
             assert math.log2(off[0] / off[1]) > 1.6
         assert off[2] < off[0]
     usual = fractions(integrate(*PATH, *load))
-    assert_allclose(usual[usual > 0], finest[usual > 0], rtol=8e-3)
+    assert_allclose(usual[usual > 0], finest[usual > 0], rtol=4e-3)
 
 
 @pytest.mark.parametrize("load", LOADS)
@@ -105,7 +112,7 @@ def test_one_reduction_for_all_pressures_gives_the_closed_form(load, monkeypatch
         """Return 0.6 at each pressure."""
         return np.full_like(pressure, 0.6)
 
-    monkeypatch.setattr(local, "local_reduction", reduction)
+    monkeypatch.setattr(near_bounds, "energy_reduction_at", reduction)
     state = integrate(*PATH, *load, resolution=(200, 32))
     G = state.diffusion[0] + 0.6 * (state.diffusion - state.diffusion[0])
     for part in ("elastic", "plastic"):
@@ -114,26 +121,49 @@ def test_one_reduction_for_all_pressures_gives_the_closed_form(load, monkeypatch
     assert_allclose(state.density, exact, atol=2e-3 * exact.max() + 1e-8)
 
 
+def reduction(pressure, hardness, *, breadth=0.4, plastic=0.5, separated=0.5):
+    """Return S at pressures (n,) over sqrt(2 tau), as the hardness is, by CONSTANTS."""
+    return near_bounds.energy_reduction_at(
+        np.asarray(pressure, dtype=float), hardness, 1.0, breadth, plastic, separated
+    )
+
+
 def test_the_reduction_is_that_of_its_formula():
-    """The energy reduction has the values of its formula in limits, and rises from both
-    walls, the pressures 0 and the hardness, to the middle.
+    """S is gamma at a bound that is alone and 1 far from it, falls to half of its
+    distance from 1 within the reach, and is the same at all pressures between two
+    close bounds.
+
+    The absorbed areas are 1/2, whose normal quantile is 0, where not given.
     """
-    gamma, _, c = CONSTANTS
-    alone = local.local_reduction(np.array([0.0]), math.inf, 0.5, 1.0, 0.0)
-    assert_allclose(alone, gamma)  # at a wall, all contact lost, one wave length
-    assert_allclose(local.local_reduction(np.array([0.1]), math.inf, 0.5, 0.4, 1.0), 1)
-    assert_allclose(local.local_reduction(np.array([9.0]), math.inf, 0.5, 1.0, 0.0), 2)
-    narrow = local.local_reduction(np.array([0.5e-3]), 1e-3, 0.5, 0.3, 0.0)
-    assert_allclose(narrow, (c * 1e-3 / 0.5 * 0.3 ** (-3 / 8)) ** 1.6, rtol=1e-6)
-    sigma = np.linspace(0, 0.6, 7)
-    S = local.local_reduction(sigma, 0.6, 0.5, 0.4, 0.1)
-    assert_allclose(S, S[::-1], rtol=1e-12)
-    assert (np.diff(S[:4]) > 0).all()
+    gamma, rho, c = CONSTANTS
+    assert_allclose(reduction([0.0], math.inf), gamma)
+    assert_allclose(reduction([1e4], math.inf), 1, rtol=1e-7)
+    reach = math.sqrt(rho * 0.4**2.5)
+    assert_allclose(reduction([reach], math.inf), 1 / (1 + (1 - gamma) / (1 + gamma)))
+    # Where the normal quantile is 1, the reach is exp(kappa / 2) times as long.
+    absorbed = 0.8413447460685429
+    farther = reduction([reach * math.exp(1 / 3)], math.inf, separated=absorbed)
+    assert_allclose(farther, reduction([reach], math.inf))
+    narrow = reduction(np.linspace(0, 1e-3, 5), 1e-3)
+    assert_allclose(narrow, c * 0.4**-0.5 * 1e-3**2.4, rtol=1e-5)
+
+
+def test_bounds_exchange_their_parts_in_the_mirror_image():
+    """S is the same at the mirror image of the pressure with plastic and separated area
+    exchanged, and rises from both bounds to the middle.
+    """
+    sigma = np.linspace(0, 1.2, 7)
+    S = reduction(sigma, 1.2, plastic=0.1, separated=0.7)
+    mirror = reduction(1.2 - sigma, 1.2, plastic=0.7, separated=0.1)
+    assert_allclose(S, mirror, rtol=1e-12)
+    equal = reduction(sigma, 1.2)
+    assert (np.diff(equal[:4]) > 0).all()
+    assert_allclose(equal, equal[::-1], rtol=1e-12)
 
 
 def test_limits_of_the_hardness_and_of_the_load():
     """A great hardness is the elastic body, a great load full contact with all its
-    energy, and light loads have areas proportional to the load.
+    energy, and light loads have areas nearly proportional to the load.
 
     Of a soft body the elastic area falls as a power of the hardness, while one gamma
     lets it vanish.
@@ -146,9 +176,10 @@ def test_limits_of_the_hardness_and_of_the_load():
     assert_allclose(
         full.weights @ (full.density * (full.pressure - 5) ** 2), 1 / 4, rtol=1e-3
     )
-    # At light loads the area is proportional to the load.
+    # At light loads the area is nearly proportional to the load: with the area that has
+    # left contact the bound reaches farther, by few percent in a decade of the load.
     light = [integrate(*PATH, p).elastic[-1] / p for p in (1e-4, 1e-3)]
-    assert_allclose(light[0], light[1], rtol=0.03)
+    assert light[1] < light[0] < 1.05 * light[1]
     # The elastic area falls as a power of the hardness, where one gamma lets it vanish.
     soft = [integrate(*PATH, 0.1 * h, h).elastic[-1] for h in (0.08, 0.16)]
     assert 0.5**5 < soft[0] / soft[1] < 0.5**2
@@ -159,11 +190,11 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     """A scene has the areas of its exact spectrum, and magnification and pressure
     curves end there.
 
-    A lower gamma gives less area.
+    A lower gamma gives more area, as less pressure diffuses to zero.
     """
     surface = SelfAffine(SPECTRUM, (2 * math.pi / 1e5,) * 2, (256, 256), 3).build()
     scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
-    rule = {"energy_reduction": CONSTANTS[0], "reduction": "local"}
+    rule = {"energy_reduction": CONSTANTS[0], "reduction": "near_bounds"}
     result = persson.solve(scene, **rule)
     exact = fractions(integrate(*PATH, 0.05, 0.6))
     assert_allclose(result.final.areas["raw"].elastic, exact[0], rtol=1e-9)
@@ -178,13 +209,13 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     at_four = theory.pressure_curve(12.5e9, 4.0)
     assert at_four.cumulative[-1] == pytest.approx(curve.elastic[1], rel=1e-3)
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
-    other = persson.solve(scene, energy_reduction=0.3, reduction="local")
-    assert other.final.areas["raw"].total < result.final.areas["raw"].total
+    other = persson.solve(scene, energy_reduction=0.3, reduction="near_bounds")
+    assert other.final.areas["raw"].total > result.final.areas["raw"].total
 
 
 def test_what_the_rule_does_not_have_is_refused():
-    """The rule "local" raises InvalidScene for energy, gap and factor, a hardness that
-    is not constant, a load beyond the hardness and a flat surface.
+    """The rule raises InvalidScene for energy, gap and factor, a hardness that is not
+    constant, a load beyond the hardness and a flat surface.
     """
     theory = body(0.6)
     for function, arguments in (
@@ -202,7 +233,7 @@ def test_what_the_rule_does_not_have_is_refused():
         theory.magnification_curve(0.7)
     flat = persson.roughness_of(Surface(np.zeros((8, 8)), (1.0, 1.0)), "surface")
     with pytest.raises(InvalidScene, match="flat"):
-        replace(theory, roughness=flat).local_state(0.05)
+        replace(theory, roughness=flat).stress_state(0.05)
 
 
 def test_light_roughness_leaves_full_contact_and_the_breadth_is_a_mean_wave_number():
