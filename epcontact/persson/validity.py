@@ -59,8 +59,9 @@ HARD_LOAD = 0.15
 #: The smallest fraction out of contact for which the map holds values.
 _SMALLEST_SEPARATED = 3e-5
 #: Floors under the theory's separated, elastic and plastic area, as fractions of their
-#: largest possible values.
-_FLOORS = (0.01, 0.1, 0.003)
+#: largest possible values, by the rule of the energy reduction.  With a constant gamma
+#: these areas may vanish.
+_FLOORS = {"constant": (0.01, 0.1, 0.003), "near_bounds": (0.0, 0.0, 0.0)}
 #: Standard deviation of y about the line that no surface explains.
 _MISFIT = 0.008
 #: The error of an interpolation, as a fraction of the change by its last order.
@@ -83,17 +84,6 @@ _GAP_ENDS = (-0.95, 1.0)
 #: waves with seeds 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
 _BROAD = 16.0
 _GAP_OF_BROAD = 0.02
-#: 95 % of the errors of the rule "near_bounds" over the map (`laboratory.near_bounds`),
-#: and what a single surface adds (`laboratory.theory_map --local --judge 7000 7300`).
-NEAR_BOUNDS_ERRORS = {
-    "total": (0.04, 0.05),
-    "elastic": (0.20, 0.38),
-    "plastic": (0.11, 0.05),
-}
-#: These errors hold for areas of this fraction at least, and for plastic areas up to
-#: this hardness/(E* xi).
-_SMALLEST_AREA = 1e-3
-_HARDEST_PLASTIC = 1.3
 #: Surfaces with up to this factor fewer waves of the slope than the map's were compared
 #: with it.
 _FEWER_WAVES = 2.5
@@ -151,8 +141,6 @@ def expected_errors(
         )
     if not theory.roughness.rms_slope:
         raise InvalidScene("the surface is flat")
-    if rule == "near_bounds":
-        return _errors_near_bounds(theory, mean_pressure, surfaces)
     ends, true_areas = _interpolate(theory, mean_pressure, surfaces)
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
@@ -162,7 +150,7 @@ def expected_errors(
         _, (total, elastic, plastic) = _interpolate(theory, mirrored_load, surfaces)
         mirrored = np.array([1 - plastic[::-1], elastic, 1 - total[::-1]])
         true_areas = np.where(np.isnan(mirrored), true_areas, mirrored)
-    contact = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
+    contact = _contact(theory, mean_pressure)
     # The larger an area is, the lower is the error of a theory with too little of it.
     of_theory = [float(getattr(contact, name)) for name in _AREAS]
     errors[:, :3] = of_theory / true_areas.T[::-1] - 1
@@ -177,32 +165,11 @@ def expected_errors(
     return expected
 
 
-def _errors_near_bounds(
-    theory: Theory, mean_pressure: float, surfaces: int
-) -> dict[str, ExpectedError]:
-    """Return the expected errors of the rule "near_bounds", by the names of the areas.
-
-    An area is left out where it is too small, and the plastic area where the body is
-    too hard for `NEAR_BOUNDS_ERRORS`.
-
-    Args:
-        theory: The body, with the rule "near_bounds".
-        mean_pressure: In Pa.
-        surfaces: Number of surfaces whose mean is compared.
-
-    Raises:
-        InvalidScene: The scene is outside the map of the theory's error.
-    """
-    place, *_ = _place_in_map(theory, mean_pressure)
-    contact = theory.stress_state(mean_pressure).areas
-    errors = {}
-    for name, (common, single) in NEAR_BOUNDS_ERRORS.items():
-        hardness = place.get(_HARDNESS, math.inf)
-        too_hard = name == "plastic" and hardness > _HARDEST_PLASTIC
-        if getattr(contact, name) >= _SMALLEST_AREA and not too_hard:
-            error = math.hypot(common, single / math.sqrt(surfaces))
-            errors[name] = ExpectedError(-error, 0.0, error)
-    return errors
+def _contact(theory: Theory, mean_pressure: float) -> ContactAreas:
+    """Return the areas by a theory at a mean pressure in Pa, as fractions."""
+    if theory.reduction.rule == "near_bounds":
+        return theory.stress_state(mean_pressure).areas
+    return areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
 
 
 def _place_in_map(
@@ -261,16 +228,17 @@ def _interpolate(
         InvalidScene: The scene is outside the map.
     """
     place, alpha, waves = _place_in_map(theory, mean_pressure)
-    axes, grid, covariance = _fits(tuple(place))
+    rule = theory.reduction.rule
+    axes, grid, covariance = _fits(tuple(place), rule)
     at = [_scaled(name, value) for name, value in place.items()]
     X = np.array([1.0, math.log(alpha), math.log(waves)])
     linear = _lagrange(axes, at, grid, nodes=2)
     y_linear = linear[:, :3] @ X
     y = _lagrange(axes, at, grid, nodes=4)[:, :3] @ X
     y = np.where(np.isnan(y), y_linear, y)
-    misfit, scatter = linear[:, 3:].T
+    misfit, scatter, of_grid = linear[:, 3:].T
     of_line = X @ _lagrange(axes, at, covariance, nodes=2) @ X
-    variance = misfit + of_line + scatter / (waves**2 * surfaces)
+    variance = misfit + of_line + of_grid + scatter / (waves**2 * surfaces)
     hardness = place.get(_HARDNESS, math.inf)
     if _HARDNESS in place and np.exp(axes[0][-2]) < hardness:
         variance[:2] += _VANISHING_PLASTIC**2
@@ -280,8 +248,9 @@ def _interpolate(
         variance[_GAP] = math.nan
     deviation = np.sqrt(variance + (_ORDER_ERROR * (y - y_linear)) ** 2)
     ends = y + np.multiply.outer([-2, 0, 2], deviation)
-    contact = areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
-    logs = ends[:, :3] + _logs(contact, mean_pressure / theory.hardness)
+    contact = _by_name(_contact(theory, mean_pressure))
+    load = mean_pressure / theory.hardness
+    logs = ends[:, :3] + _logs(contact, load, _FLOORS[rule])
     return ends, 1 / (_IS_LOGIT + np.exp(-logs)).T
 
 
@@ -384,7 +353,9 @@ def map_reach() -> dict[str, tuple[float, float]]:
 
 
 @functools.cache
-def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+def _fits(
+    names: tuple[str, ...], rule: str
+) -> tuple[list[FloatArray], FloatArray, FloatArray]:
     """Fit the line of each figure's error at each place of the map.
 
     A place is a pair of hardness and load.  The line is linear in ln(Nayak's parameter)
@@ -392,11 +363,13 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
 
     Args:
         names: Coordinates: hardness and load, or the load of elastic bodies alone.
+        rule: Whose error it is, "constant" or "near_bounds".
 
     Returns:
         The scaled axes; of each place and figure the three coefficients, the variance
-        of the misfit and the scatter, (..., figures, 5); the covariances of the
-        coefficients, (..., figures, 3, 3).  Places without data hold NaN.
+        of the misfit, the scatter and the variance by the grid of boundary elements,
+        (..., figures, 6); the covariances of the coefficients, (..., figures, 3, 3).
+        Places without data hold NaN.
     """
     table = theory_map()
     capped = len(names) == 2
@@ -407,16 +380,16 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
     values = [value for value, _ in values_and_indices]
     indices = np.transpose([index for _, index in values_and_indices])
     size = [*(axis.size for axis in values), len(FIGURES)]
-    grid = np.full([*size, 5], np.nan)
+    grid = np.full([*size, 6], np.nan)
     covariance = np.full([*size, 3, 3], np.nan)
     ones = np.ones(chosen.sum())
     X = np.column_stack([ones, np.log(rows["nayak"]), np.log(rows["waves"])])
-    for k, (y, error) in enumerate(_transformed_errors(rows)):
+    for k, (y, error, of_grid) in enumerate(_transformed_errors(rows, rule)):
         for place in np.ndindex(*size[:-1]):
             here = np.all(indices == place, axis=1)
             if np.isnan(y[here]).any():
                 continue
-            weight = 1 / (error[here] ** 2 + _MISFIT**2)
+            weight = 1 / (error[here] ** 2 + of_grid[here] ** 2 + _MISFIT**2)
             V = np.linalg.inv(X[here].T * weight @ X[here])
             coefficients = V @ (X[here].T * weight @ y[here])
             residual = y[here] - X[here] @ coefficients
@@ -426,6 +399,7 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
                 *coefficients,
                 chi_squared * _MISFIT**2,
                 np.mean(of_one_wave),
+                np.mean(of_grid[here] ** 2),
             ]
             covariance[(*place, k)] = chi_squared * V
     axes = [_scaled(name, axis) for name, axis in zip(names, values, strict=True)]
@@ -433,53 +407,74 @@ def _fits(names: tuple[str, ...]) -> tuple[list[FloatArray], FloatArray, FloatAr
 
 
 def _transformed_errors(
-    rows: Mapping[str, FloatArray],
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield each figure's transformed error and its standard error, (rows,) each.
+    rows: Mapping[str, FloatArray], rule: str
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield each figure's transformed error, its standard error over the surfaces and
+    its error by the grid of boundary elements, (rows,) each.
 
-    The order is that of `FIGURES`.  For an area the transformed error is the difference
+    The order is that of `FIGURES`.  The rule "near_bounds" has areas alone, so that the
+    other figures are NaN.  For an area the transformed error is the difference
     of logits (or logarithms) between boundary elements and the theory; for other
     figures it is e/(2 + e), with the relative error e of the theory.
 
     Args:
         rows: Columns of the map by name, (rows,) each.
+        rule: Whose error it is, "constant" or "near_bounds".
     """
     capped = np.isfinite(rows["hardness"])
     load = np.where(capped, rows["load"] * rows["hardness"], rows["load"])
-    of_theory = areas(GAMMA / 8, load, rows["hardness"])
-    logs = _logs(of_theory, load / rows["hardness"])
+    of_theory = _by_name(areas(GAMMA / 8, load, rows["hardness"]))
+    if rule == "near_bounds":
+        for name in _AREAS:
+            of_theory[name] = rows[name] * (1 + rows[f"{name}_near_bounds"])
+    logs = _logs(of_theory, load / rows["hardness"], _FLOORS[rule])
     for name, is_logit, reference in zip(_AREAS, _IS_LOGIT, logs, strict=True):
         remainder = np.maximum(1 - rows[name], _SMALLEST_SEPARATED) ** is_logit
         y = np.log(rows[name] / remainder) - reference
-        yield y, rows[f"{name}_scatter"] / remainder
+        yield y, rows[f"{name}_scatter"] / remainder, rows[f"{name}_grid"] / remainder
+    nothing = np.full_like(load, np.nan)
     for name in FIGURES[3:]:
+        if rule == "near_bounds":
+            yield nothing, nothing, nothing
+            continue
         if name == "wasserstein":
             e = rows[name]
             error = rows[f"{name}_scatter"] * e
         else:
             e = rows[f"{name}_theory"]
             error = rows[f"{name}_scatter"] * (1 + e)
-        yield e / (2 + e), 2 * error / (2 + e) ** 2
+        yield e / (2 + e), 2 * error / (2 + e) ** 2, 0 * error
 
 
-def _logs(contact: ContactAreas, load: Any) -> FloatArray:
+def _by_name(contact: ContactAreas) -> dict[str, FloatArray]:
+    """Return total, elastic and plastic area by name, as fractions of any shape."""
+    return {name: getattr(contact, name) for name in _AREAS}
+
+
+def _logs(
+    contact: Mapping[str, FloatArray], load: Any, floors: tuple[float, float, float]
+) -> FloatArray:
     """Return logit, logarithm and logit of the total, elastic and plastic area.
 
     Small floors under the theory's areas keep the values finite.
 
     Args:
-        contact: The areas by the theory, fractions of any shape.
+        contact: The total, elastic and plastic area by the theory, fractions of any
+            shape.
         load: p0/hardness, which sets the floors under the areas; 0 without a hardness.
+        floors: Floors under the separated, elastic and plastic area, as fractions of
+            their largest possible values.
 
     Returns:
         Array of shape (3, ...).
     """
-    floors = (0.0 * load, _FLOORS[1] * load * (1 - load), _FLOORS[2] * load)
-    floors_of_remainders = (_FLOORS[0] * (1 - load), 0.0, _FLOORS[2])
+    separated, elastic, plastic = floors
+    floors_of_areas = (0.0 * load, elastic * load * (1 - load), plastic * load)
+    floors_of_remainders = (separated * (1 - load), 0.0, plastic)
     logs = []
-    rows = zip(_AREAS, _IS_LOGIT, floors, floors_of_remainders, strict=True)
+    rows = zip(_AREAS, _IS_LOGIT, floors_of_areas, floors_of_remainders, strict=True)
     for name, is_logit, floor, floor_of_remainder in rows:
-        area = getattr(contact, name)
+        area = contact[name]
         of_area = np.log(np.maximum(area + floor, 1e-300))
         of_remainder = np.log(np.maximum(1 - area + floor_of_remainder, 1e-300))
         logs.append(of_area - is_logit * of_remainder)
