@@ -70,6 +70,9 @@ _ORDER_ERROR = 0.5
 #: hardnesses, 1.8 and 3 E* xi, where the plastic area vanishes.  50 trial scenes there
 #: gave the value, and 43 others confirmed it.
 _VANISHING_PLASTIC = 0.012
+#: The error estimate of an area covers nine of ten errors: standard deviations of a
+#: normal distribution.
+_NINE_OF_TEN = 1.645
 #: Relative error of an area by boundary elements, which matters next to full contact.
 _AREA_ERROR = 1e-4
 #: Below this hardness/(E* xi) the map has spectra with roll-off only up to a limit of
@@ -394,11 +397,12 @@ def _fits(
             coefficients = V @ (X[here].T * weight @ y[here])
             residual = y[here] - X[here] @ coefficients
             chi_squared = weight @ residual**2 / (here.sum() - 3)
+            # The scatter of few surfaces is itself uncertain, to both sides by factors.
             of_one_wave = (error * rows["waves"])[here] ** 2 * rows["surfaces"][here]
             grid[(*place, k)] = [
                 *coefficients,
                 chi_squared * _MISFIT**2,
-                np.mean(of_one_wave),
+                np.median(of_one_wave),
                 np.mean(of_grid[here] ** 2),
             ]
             covariance[(*place, k)] = chi_squared * V
@@ -431,7 +435,8 @@ def _transformed_errors(
     for name, is_logit, reference in zip(_AREAS, _IS_LOGIT, logs, strict=True):
         remainder = np.maximum(1 - rows[name], _SMALLEST_SEPARATED) ** is_logit
         y = np.log(rows[name] / remainder) - reference
-        yield y, rows[f"{name}_scatter"] / remainder, rows[f"{name}_grid"] / remainder
+        of_grid = rows[f"{name}_grid"] / _NINE_OF_TEN
+        yield y, rows[f"{name}_scatter"] / remainder, of_grid / remainder
     nothing = np.full_like(load, np.nan)
     for name in FIGURES[3:]:
         if rule == "near_bounds":
