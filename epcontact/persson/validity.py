@@ -388,6 +388,10 @@ def _fits(
     ones = np.ones(chosen.sum())
     X = np.column_stack([ones, np.log(rows["nayak"]), np.log(rows["waves"])])
     for k, (y, error, of_grid) in enumerate(_transformed_errors(rows, rule)):
+        # The scatter of an area over a few surfaces is itself uncertain by factors, to
+        # both sides.  A gap scatters more where it nearly closes, and the mean over the
+        # spectra counts that.
+        typical = np.median if k < len(_AREAS) else np.mean
         for place in np.ndindex(*size[:-1]):
             here = np.all(indices == place, axis=1)
             if np.isnan(y[here]).any():
@@ -397,12 +401,11 @@ def _fits(
             coefficients = V @ (X[here].T * weight @ y[here])
             residual = y[here] - X[here] @ coefficients
             chi_squared = weight @ residual**2 / (here.sum() - 3)
-            # The scatter of few surfaces is itself uncertain, to both sides by factors.
             of_one_wave = (error * rows["waves"])[here] ** 2 * rows["surfaces"][here]
             grid[(*place, k)] = [
                 *coefficients,
                 chi_squared * _MISFIT**2,
-                np.median(of_one_wave),
+                typical(of_one_wave),
                 np.mean(of_grid[here] ** 2),
             ]
             covariance[(*place, k)] = chi_squared * V
