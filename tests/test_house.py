@@ -41,7 +41,7 @@ TOKENS = {
     "epcontact.materials": 1_664,
     "epcontact.output": 16_977,
     "epcontact.peers": 5_122,
-    "epcontact.persson": 13_295,
+    "epcontact.persson": 13_432,
     "epcontact.pictures": 4_420,
     "epcontact.planning": 5_093,
     "epcontact.reference": 7_272,

@@ -17,6 +17,7 @@ plane is wider, where the own error is below 5 % and everywhere.  It solves 4800
 in some fifteen minutes of one core, but none that the file holds.
 """
 
+import functools
 import json
 import math
 import sys
@@ -26,7 +27,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import quad
 from scipy.optimize import least_squares
+from scipy.special import ndtri
 
 from epcontact import bem, persson
 from epcontact.persson.near_bounds import (
@@ -35,6 +38,7 @@ from epcontact.persson.near_bounds import (
     integrate,
     relative_wavenumbers,
 )
+from epcontact.persson.validity import nayak
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 from epcontact.surfaces import SelfAffine
@@ -229,6 +233,48 @@ def report_all(name, table, paper):
         report(f"constant, {GAMMA}", paper, table, limit)
 
 
+def soft_limit():
+    """Print how well a closed formula holds the elastic area of soft bodies on the map.
+
+    A front between contact at the hardness H and a gap of slope s has an elastic strip
+    (Flamant's kernel) whose width falls as exp(-pi E* s/(2 H)).  With Gaussian slopes
+    at the front of the separated area, whose normal quantile is n,
+
+        A_el = C alpha^m exp(-n^2/2) F(H/(E* xi)),
+        F(h) = int s^3 exp(-s^2 - pi s/(2 h)) ds,
+
+    with Nayak's parameter alpha.  The curvatures of the front give m = -1/2; m is also
+    fitted.
+    """
+    table, _ = over_the_map()
+    elastic = [*AIMS].index("elastic")
+    counted = (table["hardness"] < 1.01 * SOFT) & (table["elastic"] > LEAST)
+    table = table[counted & (own_errors(table)[:, elastic] < 2 * LARGEST_OWN_ERROR)]
+    alpha = []
+    integrals = []
+    for row in table.itertuples():
+        spectrum = spectrum_of(row.hurst, row.bandwidth, row.roll_off)
+        alpha.append(nayak(persson.analytic_roughness(spectrum))[0])
+        decay = math.pi / (2 * row.hardness)
+        weight = functools.partial(_weighted_slope, decay=decay)
+        integrals.append(quad(weight, 0, 8)[0])
+    shape = np.exp(-(ndtri(table["load"]) ** 2) / 2) * np.array(integrals)
+    constant = np.log(table["elastic"] / shape)
+    of_alpha = np.log(alpha)
+    fitted, _ = np.polyfit(of_alpha, constant, 1)
+    for power in (-0.5, fitted):
+        rest = constant - power * of_alpha
+        print(
+            f"A_el of {rest.size} soft places: C = {math.exp(rest.mean()):.1f}, "
+            f"m = {power:.2f}, rms {100 * rest.std():.0f} %"
+        )
+
+
+def _weighted_slope(slope, decay):
+    """Return the integrand of F at a slope over the rms slope, without dimension."""
+    return slope**3 * math.exp(-(slope**2) - decay * slope)
+
+
 def main():
     """Fit the constants to the half "fitted", and print the errors of both halves and
     of the map.
@@ -241,6 +287,7 @@ def main():
         paper = persson.areas(GAMMA / 8, rows["p0"], rows["hardness"])
         report_all(half, rows, np.column_stack([getattr(paper, p) for p in AIMS]))
     report_all("map", *over_the_map())
+    soft_limit()
 
 
 if __name__ == "__main__":
