@@ -50,8 +50,8 @@ def solve(
         reduction: The rule by which gamma enters, see `persson.reduction`.
         points: Number of pressures at which the distribution of the last load is
             tabulated.
-        progress: Called after each load with the fraction of the path that is done,
-            from 0 to 1, and a text; None: nothing is called.
+        progress: Called after each load but the last with the fraction of the path that
+            is done, from 0 to 1, and a text; None: nothing is called.
 
     Raises:
         InvalidScene: The scene is a line, a layer or an unloading path, or has no
@@ -75,7 +75,7 @@ def solve(
     steps = []
     for mean_pressure in scene.load.path:
         steps.append(_load_step(theory, mean_pressure, scene.surface))
-        if progress is not None:
+        if progress is not None and len(steps) < len(scene.load.path):
             fraction = len(steps) / len(scene.load.path)
             progress(fraction, f"load {len(steps)} of {len(scene.load.path)}")
     if reduction == "near_bounds":

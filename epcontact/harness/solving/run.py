@@ -146,7 +146,9 @@ def lock_cases(cases: Sequence[Case], output: Path) -> Iterator[None]:
     Raises:
         OutputError: if another process writes them, if their folder cannot be created,
             or if it or a link inside of it leads out of the output folder.
+        InvalidCase: if two cases have one id.
     """
+    _require_different_ids(cases)
     folders = {case.folder(output) for case in cases if not case.skip}
     for folder in folders:
         path_inside(output, str(folder.relative_to(output)))
