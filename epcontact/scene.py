@@ -19,7 +19,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from numbers import Real
 from typing import Any, Literal, get_args
 
@@ -72,6 +72,33 @@ class SelfAffineSpectrum:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A change of heights that the measurement of a surface leaves open.
+
+    Attributes:
+        source: The name of the error that it causes in results: "form" for a removed
+            plane, "missing" for heights that were filled, clipped or replaced.
+        points: The index of the points that change, such as the arrays that
+            `numpy.nonzero` returns; ... for all points.
+        changes: Arrays in m whose sum is added to the heights of these points; each is
+            broadcast to them.
+    """
+
+    source: Literal["form", "missing"]
+    points: Any
+    changes: tuple[FloatArray, ...]
+
+    def applied_to(self, surface: Surface) -> Surface:
+        """Return the surface with the changed heights, and without alternatives."""
+        heights = surface.heights.copy()
+        for change in self.changes:
+            heights[self.points] += change
+        heights.flags.writeable = False
+        recipe = f"{surface.fingerprint} but for {self.source}"
+        return replace(surface, heights=heights, recipe=recipe, alternatives=())
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Surface:
     """One period of a rough surface on a regular grid.
@@ -110,6 +137,9 @@ class Surface:
     #: Mask of the points whose heights were filled or replaced instead of measured;
     #: None if there are no such points.
     filled: NDArray[np.bool_] | None = None
+    #: Other heights that the measurement leaves open; a solve of each shows the errors
+    #: that this causes.
+    alternatives: tuple[Alternative, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the fields and make them read-only; add notes about doubtful heights.

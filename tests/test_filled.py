@@ -134,12 +134,27 @@ def test_a_map_without_holes_has_no_such_columns(solve, tmp_path):
     assert "filled" not in read_fields(tmp_path / "out/filled/fast/bem.vti").fields
 
 
-def test_a_note_appears_only_above_half_of_the_load(solve):
-    """A note about filled heights appears only if they carry more than half of the
-    load.
+def test_no_area_is_claimed_where_filled_points_carry_most_of_the_load(solve):
+    """Areas have an infinite error, and a note says so, where more than half of the
+    load is on filled points, or is on them in a filling that agrees with the map, too.
     """
-    _, result, _ = solve(MAP, "harmonic")
+    _, result, data = solve(MAP, "harmonic")
     assert 0.2 < max(step.quantities["filled_load"] for step in result.steps) < 0.5
+    errors = [step.row["total_area_error"] for step in result.steps]
+    assert errors[0] == np.inf > max(errors[1:])
+    assert data["loads"][0]["total_area"]["parts"]["missing"] == "inf"
+    (note,) = [note for note in result.notes if "of the load" in note]
+    assert note.startswith("more than half of the load at 1e+06 Pa may be on heights")
+    assert "no area is claimed" in note
+
+
+def test_a_few_holes_in_a_valley_add_an_error_and_no_note(solve):
+    """A hole where nothing touches has no load, no note, and a small error."""
+    given = np.where((X == 21) & (Y == 2), np.nan, BUMPS)
+    _, result, _ = solve(given)
+    for step in result.steps:
+        assert step.quantities["filled_load"] == 0
+        assert step.areas["missing_error"].total < 1e-3 * step.best_areas.total
     assert not any("of the load" in note for note in result.notes)
 
 

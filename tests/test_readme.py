@@ -233,7 +233,9 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     rows = loads["faulty"]
     for row, true in zip(rows, loads["clean"], strict=True):
         area = row["total_area"]
-        assert {"grid", "treatment", "hardness"} == area["parts"].keys()
+        assert {"grid", "treatment", "form", "missing", "hardness"} == area[
+            "parts"
+        ].keys()
         deviation = abs(area["mean"] - true["total_area"]["mean"])
         assert deviation < min(area["error"], 0.01 * area["mean"])
         assert row["mean_gap"]["mean"] == pytest.approx(

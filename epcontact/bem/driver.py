@@ -9,13 +9,18 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.alternatives import (
+    TOLERANCE_OF_ERROR,
+    filled_notes,
+    with_measurement_errors,
+)
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
 from epcontact.bem.flow import LoadedSurface, solve_load
@@ -92,6 +97,9 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         on_step: called at each load with the result so far, whose fields are those of
             that load; it must not change them.
 
+    A measured surface is also solved with each of its `alternatives`, which gives the
+    errors "form" and "missing" of each value (`epcontact.alternatives`).
+
     Returns:
         The areas and other quantities at each load, and the fields at the last one.
         The fields gap and heights refer to the surface before any flow, so that the
@@ -133,6 +141,21 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         flow = flow.reshape(symbol.shape)
     path = _Path(scene, symbol, options, compliance is not None, progress, on_step)
     steps, last, pairs = path.solve(start, flow)
+
+    def solve_alternative(changed: Scene) -> Sequence[LoadStep]:
+        """Solve the path on a surface with other heights, for an error estimate."""
+        return solve(
+            changed,
+            tolerance=tolerance,
+            area_tolerance=TOLERANCE_OF_ERROR,
+            threads=threads,
+            compliance=compliance,
+            method=method,
+            plastic_displacement=plastic_displacement,
+            max_steps=max_steps,
+        ).steps
+
+    steps = with_measurement_errors(scene, steps, solve_alternative)
     compiling = compile_seconds() - compiled_before
     cost = {
         **pairs,
@@ -140,7 +163,10 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         "unknowns": float(scene.surface.heights.size),
         "peak_memory_bytes": float(peak_memory()),
     }
-    return path.result(steps, last, cost)
+    result = path.result(steps, last, cost)
+    if scene.surface.alternatives:
+        result = replace(result, notes=(*result.notes, *filled_notes(steps)))
+    return result
 
 
 def scene_symbol(scene: Scene) -> Symbol:
@@ -355,6 +381,10 @@ def _load_step(scene: Scene, surface: LoadedSurface, threads: int) -> LoadStep:
         surface.flow_after,
         threads,
     )
+    filled = scene.surface.filled
+    if filled is not None and load:
+        on_filled = solution.pressure.reshape(filled.shape)[filled].sum()
+        quantities["filled_load"] = float(on_filled / solution.pressure.sum())
     counts = {name: int(count) for name, count in solution.counts.items()}
     step = LoadStep(load, areas, dict(solution.residuals), counts, quantities)
     return step.with_errors(scene.surface.treatment_errors, "treatment")

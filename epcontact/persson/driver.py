@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
+from epcontact.alternatives import with_measurement_errors
 from epcontact.persson.elastoplastic import (
     ContactAreas,
     areas,
@@ -78,6 +79,20 @@ def solve(
         if progress is not None and len(steps) < len(scene.load.path):
             fraction = len(steps) / len(scene.load.path)
             progress(fraction, f"load {len(steps)} of {len(scene.load.path)}")
+    if spectrum == "surface":
+
+        def solve_alternative(changed: Scene) -> list[LoadStep]:
+            """Return the theory's steps for a surface with other heights."""
+            other = Theory.of_scene(
+                changed,
+                energy_reduction=energy_reduction,
+                spectrum=spectrum,
+                reduction=reduction,
+            )
+            path = changed.load.path
+            return [_load_step(other, load, changed.surface) for load in path]
+
+        steps = list(with_measurement_errors(scene, steps, solve_alternative))
     if reduction == "near_bounds":
         curve = theory.pressure_curve(scene.load.final)
         accuracy = "3e-3"

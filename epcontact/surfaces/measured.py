@@ -547,6 +547,7 @@ class Facing:
             notes=(*a.notes, *notes_of_b, "heights are of both bodies"),
             treatment_errors=errors,
             filled=_union(a.filled, b.filled),
+            alternatives=(*a.alternatives, *b.alternatives),
         )
 
 

@@ -11,6 +11,10 @@ surface:
 4. the map is mirrored at its edges, or taken as it is;
 5. waves outside a band are removed.
 
+A plateau at the highest or the lowest height of a map is the end of the instrument's
+range: the heights there are kept, but count as not measured.  The module `alternatives`
+makes the other heights that the removed plane and the filled points may have.
+
 Every method here is periodic, but a measured map rarely is: its heights jump across its
 edges.  A map counts as not periodic if the rms difference of its last and first rows is
 more than `LARGEST_JUMP` times the largest rms difference of two neighbouring rows.
@@ -24,7 +28,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -34,6 +38,7 @@ from pydantic import StrictFloat
 from epcontact.errors import InvalidScene
 from epcontact.results import FloatArray
 from epcontact.scene import (
+    Alternative,
     Surface,
     levels_note,
     number,
@@ -41,6 +46,7 @@ from epcontact.scene import (
     set_frozen,
     warn_user,
 )
+from epcontact.surfaces.alternatives import form_alternatives, hole_alternatives
 from epcontact.surfaces.power_spectrum import band_pass, inner_moments, surface_moments
 from epcontact.surfaces.recipe import Fields, entry
 
@@ -58,6 +64,10 @@ LARGEST_JUMP = 2.0
 #: heights around it.  Clean maps of 20 kinds reach 4.1 and 0.87, spikes of four times
 #: the rms height 4.4 and 1.1 to 40 (`laboratory.trial_map`).
 SPIKE, SPREAD = 3.0, 1.2
+#: A map is clipped if at least FEWEST_CLIPPED points have its highest (or lowest)
+#: height, and CLIPPED times as many as any of the NEXT_LEVELS heights below (above):
+#: the tails of a height distribution become thinner toward its ends.
+FEWEST_CLIPPED, CLIPPED, NEXT_LEVELS = 8, 4, 8
 #: Heights are rounding errors, and the map is flat, if their rms is below this fraction
 #: of the largest height before form was removed.
 ROUNDING = 1e-12
@@ -78,7 +88,7 @@ EDGE_ERRORS = {
 }
 #: Relative errors by the treatment of edges that do not fall with the size of the map.
 EDGE_FRACTIONS = {
-    "mirrored": {"mean_gap": 0.03, "contact_percolation": 0.3, "gap_percolation": 0.32},
+    "mirrored": {"mean_gap": 0.04, "contact_percolation": 0.4, "gap_percolation": 0.32},
     "periodic": {
         "mean_gap": 0.078,
         "contact_percolation": 1.4,
@@ -101,8 +111,10 @@ class Preparation(Fields):
     A note reports outliers that are kept; removed outliers are filled like missing
     heights.  The method "nearest" gives a missing height that of the nearest point.
     The method "harmonic" spans a hole like a soap film (the solution of Laplace's
-    equation).  By default, `form` is 1 for a map that is mirrored, and for a map that
-    is taken as periodic though its heights jump at the edges mostly because of a tilt.
+    equation).  A plateau at the highest or lowest height of a map counts as clipped by
+    the instrument, unless `clipped` is "keep".  By default, `form` is 1 for a map that
+    is mirrored, and for a map that is taken as periodic though its heights jump at the
+    edges mostly because of a tilt.
     """
 
     missing: Annotated[
@@ -117,6 +129,14 @@ class Preparation(Fields):
             "(harmonic)",
         ),
     ] = "keep"
+    clipped: Annotated[
+        Literal["missing", "keep"],
+        entry(
+            "",
+            "plateaus at the end of the range of heights: not measured, or kept as "
+            "measured",
+        ),
+    ] = "missing"
     form: Annotated[
         Literal[0, 1, 2] | None,
         entry(
@@ -154,16 +174,18 @@ class Preparation(Fields):
 
         Steps that are left at their defaults are not named.
         """
-        words: str = f"{self.treatment}/2"
+        words: str = f"{self.treatment}/3"
+        defaults = {step.name: step.default for step in fields(Preparation)}
         for name in (
             "missing",
             "outliers",
+            "clipped",
             "form",
             "longest_wavelength",
             "shortest_wavelength",
         ):
             value = getattr(self, name)
-            if value not in (None, "refuse", "keep"):
+            if value != defaults[name]:
                 words += f" {name}={value!r}"
         return words
 
@@ -201,16 +223,30 @@ def prepare_surface(
         said += _spike_notes(heights, spikes, recipe)
         if recipe.outliers == "remove":
             heights[spikes] = np.nan
+    clipped_below = clipped_above = np.zeros(heights.shape, bool)
+    if recipe.clipped == "missing":
+        clipped_below = find_clipped(heights, -1)
+        clipped_above = find_clipped(heights, 1)
+        said += _clipped_notes(clipped_below, clipped_above)
     unset = recipe.treatment == "periodic" and recipe.form is None
     tilted = unset and _is_tilted(heights)
-    heights, form_notes = _without_form(heights, recipe, tilted)
+    heights, order, form_notes = _without_form(heights, recipe, tilted)
     said += form_notes
     filled = np.isnan(heights)
     if filled.any():
         heights, fill_notes = _without_holes(heights, given, recipe.missing)
         said += fill_notes
+    filled |= clipped_below | clipped_above
     if filled_before is not None:
         filled |= filled_before
+    mirrored = recipe.treatment == "mirrored"
+    least = np.where(clipped_above, heights, -np.inf)[filled]
+    most = np.where(clipped_below, heights, np.inf)[filled]
+    forms = form_alternatives(heights, order, mirrored)
+    if recipe.longest_wavelength is not None:
+        forms = []  # a plane belongs to the longest waves, which are removed
+    said += _form_notes(forms)
+    alternatives = [*forms, *hole_alternatives(heights, filled, least, most)]
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _is_jumping(jumps):
@@ -219,7 +255,7 @@ def prepare_surface(
             'mirrors the map at its edges, or to "periodic" to take it as it is'
         )
     periods = recipe.periods
-    if recipe.treatment == "mirrored":
+    if mirrored:
         added = [(0, n) for n in heights.shape]
         heights = np.pad(heights, added, mode="symmetric")
         filled = np.pad(filled, added, mode="symmetric")
@@ -238,8 +274,9 @@ def prepare_surface(
         notes=tuple(said),
         filled=filled,
     )
-    treated = recipe.treatment == "mirrored" or tilted or _is_jumping(jumps)
-    return _with_edge_errors(surface, recipe, treated)
+    treated = mirrored or tilted or _is_jumping(jumps)
+    surface = _with_edge_errors(surface, recipe, treated)
+    return _with_alternatives(surface, alternatives, recipe)
 
 
 # --- outliers and marks ---------------------------------------------------------------
@@ -333,12 +370,60 @@ def _spike_notes(
         yield from warn_user((note,))
 
 
+def find_clipped(heights: FloatArray, end: Literal[-1, 1]) -> NDArray[np.bool_]:
+    """Return the mask of the points that the range of an instrument has clipped.
+
+    They have the highest or the lowest height of the map, and are many more than those
+    of the heights beside it (see CLIPPED).  A height that is far from all others is
+    rather a mark of missing heights, and no clipping.
+
+    Args:
+        heights: (nx, ny) or (nx,), in any unit, NaN where missing.
+        end: 1 for the highest heights, -1 for the lowest.
+
+    Returns:
+        An array of the shape of the heights, True at clipped points.
+    """
+    measured = heights[~np.isnan(heights)]
+    levels, counts = np.unique(-end * measured, return_counts=True)
+    nearest = counts[1 : 1 + NEXT_LEVELS]
+    is_clipped = (
+        levels.size > 2 * NEXT_LEVELS
+        and counts[0] >= max(FEWEST_CLIPPED, CLIPPED * nearest.max())
+        and levels[1] - levels[0] <= levels[-1] - levels[1]
+    )
+    if not is_clipped:
+        return np.zeros(heights.shape, bool)
+    return np.asarray(heights == -end * levels[0])
+
+
+def _clipped_notes(below: NDArray[np.bool_], above: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield a warning for each end of the range at which heights are clipped.
+
+    Args:
+        below: mask of the points at the lowest height, if the map is clipped there.
+        above: mask of the points at the highest height.
+    """
+    for mask, words in ((above, "highest"), (below, "lowest")):
+        count = np.count_nonzero(mask)
+        if count:
+            yield from warn_user(
+                (
+                    f"{count} of {mask.size} heights are the {words} one "
+                    f"({100 * count / mask.size:.2g} %): the range of the instrument "
+                    "has probably clipped them; they count as not measured. Measure "
+                    'with a larger range, or set clipped to "keep" if this plateau is '
+                    "real",
+                )
+            )
+
+
 # --- form and holes -------------------------------------------------------------------
 
 
 def _without_form(
     heights: FloatArray, recipe: Any, tilted: bool
-) -> tuple[FloatArray, list[str]]:
+) -> tuple[FloatArray, int, list[str]]:
     """Return the heights of a map without its form, a least-squares polynomial.
 
     If the recipe does not state a form, a plane is removed from a map that is mirrored
@@ -350,8 +435,8 @@ def _without_form(
         tilted: True if the map jumps at its edges because it is tilted.
 
     Returns:
-        The heights (the same array if nothing is removed), and sentences on what was
-        removed.
+        The heights (the same array if nothing is removed), the order of the removed
+        polynomial (0 if there is none), and sentences on what was removed.
     """
     order = recipe.form
     if order is None and (tilted or recipe.treatment == "mirrored"):
@@ -366,7 +451,23 @@ def _without_form(
     if 0 < np.nanstd(heights) < ROUNDING * largest:
         heights = np.where(np.isnan(heights), np.nan, 0.0)
         notes.append("the rest is rounding error, and the surface is flat")
-    return heights, notes
+    return heights, order or 0, notes
+
+
+def _form_notes(alternatives: list[Alternative]) -> Iterator[str]:
+    """Yield a note on how far the removed form may be off, if there are alternatives.
+
+    Args:
+        alternatives: those of the form, whose first one has a profile (m) along each
+            axis.
+    """
+    if alternatives:
+        tilts = [float(np.ptp(profile)) for profile in alternatives[0].changes]
+        words = " and ".join(f"{tilt:.3g} m" for tilt in tilts)
+        yield (
+            f"the removed form may be off by {words} along the sides of the map, as "
+            "opposite edges would meet then; a part of the error of each value (form)"
+        )
 
 
 def _is_tilted(heights: FloatArray) -> bool:
@@ -588,6 +689,55 @@ def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
         "of the error of each value"
     )
     return replace(surface, notes=tuple(notes), treatment_errors=errors)
+
+
+def _with_alternatives(
+    surface: Surface, alternatives: Iterable[Alternative], recipe: Any
+) -> Surface:
+    """Return the surface with the alternatives of its map.
+
+    Args:
+        surface: the treated surface.
+        alternatives: those of the map, before it was mirrored and filtered.
+        recipe: a `Preparation` with `treatment` and `shape`.
+    """
+    is_filtered = recipe.longest_wavelength or recipe.shortest_wavelength
+    on_surface = []
+    for alternative in alternatives:
+        if alternative.points is ... and not is_filtered:
+            on_surface.append(_mirrored_profiles(alternative, surface.shape))
+            continue
+        change = np.zeros(recipe.shape)
+        for term in alternative.changes:
+            change[alternative.points] += term
+        added = [
+            (0, twice - size)
+            for twice, size in zip(surface.shape, change.shape, strict=True)
+        ]
+        change = np.pad(change, added, mode="symmetric")
+        change, _ = _within_band(change, surface.periods, recipe)
+        points: Any = ...
+        if not is_filtered:
+            points = np.nonzero(change)
+            change = change[points]
+        on_surface.append(Alternative(alternative.source, points, (change,)))
+    return replace(surface, alternatives=tuple(on_surface))
+
+
+def _mirrored_profiles(alternative: Alternative, shape: tuple[int, ...]) -> Alternative:
+    """Return an alternative form with the mirror images of its profiles.
+
+    Args:
+        alternative: its changes are profiles along one axis each, on the map.
+        shape: the grid of the surface, with as many points as the map along each axis
+            or twice as many.
+    """
+    changes = []
+    for axis, profile in enumerate(alternative.changes):
+        added = [(0, 0)] * profile.ndim
+        added[axis] = (0, shape[axis] - profile.shape[axis])
+        changes.append(np.pad(profile, added, mode="symmetric"))
+    return replace(alternative, changes=tuple(changes))
 
 
 def _slope_notes(surface: Surface, slope: float) -> Iterator[str]:

@@ -16,10 +16,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from epcontact.alternatives import (
+    TOLERANCE_OF_ERROR,
+    filled_notes,
+    with_measurement_errors,
+    without_alternatives,
+)
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
 from epcontact.harness.methods.load_by_load import total_cost
-from epcontact.harness.quantities.filled import filled_notes
+from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.measure import (
     QUANTITIES_OF_EACH_LOAD,
@@ -35,9 +41,8 @@ from epcontact.scene import Load, Scene
 
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
-#: Relative change of the areas at which a solve with an end of the interval of a
-#: hardness may stop: it gives an error, of which two digits are enough.
-_TOLERANCE_OF_ERROR = 1e-4
+#: Methods that solve the alternatives of a measured surface themselves.
+_FAST_METHODS = ("bem", "persson")
 
 #: Called now and then with the fraction of the load path that is solved, and a
 #: sentence.
@@ -65,10 +70,16 @@ def solve_path(
     hardnesses = [of_load.value for of_load in mapped]
     if not mapped:
         hardnesses = [scene.material.hardness] * len(scene.load.path)
+    measured_scene = scene
+    scene = without_alternatives(scene)  # a method would solve them itself
     result = _solve_with_hardnesses(
         task, scene, hardnesses, threads, on_progress=on_progress
     )
     steps = list(result.steps)
+    if measured_scene.surface.alternatives:
+        steps = _with_measurement_errors(
+            task, measured_scene, hardnesses, threads, steps
+        )
     if not flows:
         steps = list(map(_with_hardness, steps, hardnesses))
     if mapped:
@@ -103,6 +114,47 @@ def _with_conductances(step: LoadStep, factors: dict[str, float]) -> LoadStep:
             if name.startswith("conductance"):
                 quantities[f"{kind}_{name}"] = factor * value
     return replace(step, quantities=quantities)
+
+
+# --- the errors that the measurement of the surface causes
+
+
+def _with_measurement_errors(
+    task: Task,
+    scene: Scene,
+    hardnesses: Sequence[float],
+    threads: int,
+    steps: Sequence[LoadStep],
+) -> list[LoadStep]:
+    """Return the steps with the errors that the measurement of a surface causes.
+
+    The path is solved with each alternative of the surface.  Boundary elements solve
+    them for all methods but the theory: the differences are those of the surfaces, and
+    finite elements would take hours for each.
+
+    Args:
+        task: the method and its options.
+        scene: the scene with its complete load path, and a surface with alternatives.
+        hardnesses: the hardness of each load, in Pa.
+        threads: the number of threads that the method may use.
+        steps: the solved load steps of the method.
+
+    Raises:
+        NotConverged: if a solve with an alternative does not converge.
+    """
+    solving = replace(task, steps_folder=None)
+
+    def solve(changed: Scene) -> tuple[LoadStep, ...]:
+        """Solve the path on a surface, accurately enough for an error estimate."""
+        return _solve_with_hardnesses(
+            solving, changed, hardnesses, threads, for_error=True
+        ).steps
+
+    base = None
+    if task.method.name not in _FAST_METHODS:
+        solving = replace(solving, method=METHODS["bem"])
+        base = solve(without_alternatives(scene))
+    return list(with_measurement_errors(scene, steps, solve, base))
 
 
 # --- the error that the uncertainty of an effective hardness causes
@@ -290,9 +342,9 @@ def _solve_part(
         NotConverged: if the method does not converge.
     """
     method = task.method
-    options = dict(task.case.options[method.name])
+    options = dict(task.case.options.get(method.name, {}))
     if for_error and method.name == "bem":
-        options["area_tolerance"] = _TOLERANCE_OF_ERROR
+        options["area_tolerance"] = TOLERANCE_OF_ERROR
     if method.load_files == "bodies" and task.steps_folder is not None:
         options["output"] = task.steps_folder
     if (method.load_files or method.reports_progress) and on_progress is not None:

@@ -61,7 +61,7 @@ from epcontact.results import (
 
 SKIPPED: Literal["skipped"] = "skipped"
 #: Sources of the error of a quantity, beside the grid and the scatter of surfaces.
-_OTHER_SOURCES = ("hardness", "treatment")
+_OTHER_SOURCES = ("hardness", "treatment", "form", "missing")
 
 
 class MethodEntry(Record):
