@@ -82,8 +82,8 @@ class Areas:
 
 
 #: Sources of error whose estimates cover nine of ten errors.  Those of an effective
-#: hardness and of the scatter of surfaces are half-widths of 95 % intervals already, and
-#: those of a removed form and of missing heights cover 93 to 100 % (`alternatives`).
+#: hardness and of the scatter of surfaces are half-widths of 95 % intervals already.
+#: Those of a removed form and of missing heights cover 93 to 100 % (`alternatives`).
 _NINE_OF_TEN = ("grid", "treatment")
 #: Factor from an error estimate that covers nine of ten errors to the half-width of a
 #: 95 % interval: the ratio of these quantiles of a normal distribution, 1.960 / 1.645.
