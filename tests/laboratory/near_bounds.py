@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.integrate import quad
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, nnls
 from scipy.special import ndtri
 
 from epcontact import bem, persson
@@ -275,6 +275,50 @@ def _weighted_slope(slope, decay):
     return slope**3 * math.exp(-(slope**2) - decay * slope)
 
 
+#: Loads over E* xi at which the parts of the gap's response decay, and the smallest
+#: mean gap over the rms height that is counted.
+DECAYS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6])
+SMALLEST_GAP = 0.03
+
+
+def gap_response(table):
+    """Fit the response of elastic bodies' mean gap to rings of waves, and judge it.
+
+    A contact that takes the part W of the elastic energy that full contact would store
+    in a ring of waves has, by the work of the load, the mean gap
+
+        gap = (E*/4) int dW/dp_0 dxi^2/q,   W = W(p_0/(E* xi(q))),
+
+    with the slope xi of all waves up to q.  dW/ds is fitted as a sum of decaying
+    exponentials with positive weights; W(infinity) is 1 in theory and free in the fit.
+    `table` is that of `measured`.
+    """
+    table = table[np.isinf(table["hardness"]) & (table["gap"] > SMALLEST_GAP)]
+    rows = []
+    for row in table.itertuples():
+        spectrum = spectrum_of(row.hurst, row.bandwidth, row.roll_off)
+        rough = persson.analytic_roughness(spectrum)
+        filled = rough.slope_variance > 0
+        variance = rough.slope_variance[filled]
+        of_energy = rough.first_moment[filled]
+        slope = np.sqrt(np.cumsum(variance) - variance / 2)
+        height = math.sqrt(np.sum(of_energy**2 / variance))
+        decayed = np.exp(-np.multiply.outer(1 / DECAYS, row.p0 / slope))
+        rows.append(decayed @ (of_energy / slope) / (4 * height))
+    design = np.array(rows)
+    gap = table["gap"].to_numpy()
+    fitted = (table["half"] == "fitted").to_numpy()
+    weight = 1 / gap[fitted]
+    parts, _ = nnls(design[fitted] * weight[:, None], np.ones(fitted.sum()))
+    off = design @ parts / gap - 1
+    print("weights of exp(-s/s_k)", parts.round(3), "at", DECAYS)
+    print(f"W rises to {parts @ DECAYS:.3f}")
+    for half, roll_off in product(HALVES, ROLL_OFFS):
+        chosen = (table["half"] == half) & (table["roll_off"] == roll_off)
+        rms = 100 * math.sqrt(np.mean(off[chosen] ** 2))
+        print(f"gap of elastic bodies, {half}, roll-off {roll_off}: rms {rms:.1f} %")
+
+
 def main():
     """Fit the constants to the half "fitted", and print the errors of both halves and
     of the map.
@@ -288,6 +332,7 @@ def main():
         report_all(half, rows, np.column_stack([getattr(paper, p) for p in AIMS]))
     report_all("map", *over_the_map())
     soft_limit()
+    gap_response(table)
 
 
 if __name__ == "__main__":
