@@ -6,13 +6,14 @@ import io
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 import types
 import xml.etree.ElementTree as ET
-from collections import Counter
 from pathlib import Path
 
 import click
@@ -82,7 +83,11 @@ def test_an_output_without_greek_letters_shows_a_question_mark():
     marks.
     """
     done = python(
-        "-m", "epcontact", "list", env=os.environ | {"PYTHONIOENCODING": "cp1252"}
+        "-m",
+        "epcontact",
+        "list",
+        "--all",
+        env=os.environ | {"PYTHONIOENCODING": "cp1252"},
     )
     assert done.returncode == 0, done.stderr
     assert "at E*?/?_Y = 5" in done.stdout
@@ -101,42 +106,100 @@ def test_lists_load_no_solver(argument):
     assert python("-c", program).stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("width", [80, 200])
-def test_the_list_has_each_family_once_and_says_what_a_bare_verify_leaves_out(
-    width, monkeypatch
-):
-    """`list` has a row for each family, and counts the cases that a bare verify runs.
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_ends_with_examples_that_can_be_typed(name):
+    """click accepts the arguments of each example."""
+    command = cli.get_command(click.Context(cli), name)
+    said = invoke(name, "--help").stdout
+    for example in main.EXAMPLES[name]:
+        assert f"  epcontact {example}" in said
+        words = shlex.split(example.partition(" > ")[0])
+        assert words[0] == name
+        command.make_context(name, words[1:])
 
-    `width` is that of the terminal in characters: a wide one has a head of the table.
+
+def test_help_is_as_wide_as_the_terminal(monkeypatch):
+    """Lines of a help text are longer on a wider terminal."""
+    widest = {}
+    for columns in (80, 110):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        widest[columns] = max(map(len, invoke("run", "--help").stdout.splitlines()))
+    assert 60 < widest[80] <= 80 < widest[110] <= 110
+
+
+def test_the_list_has_each_case_and_says_what_a_bare_verify_leaves_out(monkeypatch):
+    """`list` names each case file once on less than a screen, with the number of its
+    cases, and marks those of which a bare verify runs none.
+
+    `list --all` has a row for each case, and `list hertz` those of these names.
     """
-    monkeypatch.setattr(list_cases, "open_console", lambda: Console(width=width))
-    left_out = "not in a bare verify"
-
-    def listed(*words):
-        """Return the rows that `list` prints with these words, without the head of the
-        table.
-        """
-        said = invoke("list", *words).stdout
-        return [line for line in said.splitlines() if line[:1].strip()][width == 200 :]
-
-    rows = listed("--all")
-    cases = find_cases()
-    assert [row.split()[0] for row in rows] == [case.id for case in cases]
+    monkeypatch.setattr(list_cases, "open_console", lambda: Console(width=80))
+    listed = invoke("list").stdout
+    assert len(listed.splitlines()) < 40
+    names = re.findall(r"([\w-]+)(?: \((\d+)\))?(\*?)(?:,|$)", listed, re.MULTILINE)
+    found = {name: (int(count or 1), mark) for name, count, mark in names}
     run = {case.id for case in cases_to_verify("fast")}
+    cases = find_cases()
+    for path in case_files():
+        ids = [case.id for case in cases if case.path == path]
+        mark = "" if run.intersection(ids) else "*"
+        assert found[case_name(path)] == (len(ids), mark)
+
+    def rows_of(*words):
+        """Return the first lines of the paragraphs that `list` prints."""
+        said = invoke("list", *words).stdout
+        return [line for line in said.splitlines() if line[:1].strip()]
+
+    rows = rows_of("--all")
+    assert [row.split()[0] for row in rows] == [case.id for case in cases]
+    left_out = "not in a bare verify"
     assert {row.split()[0] for row in rows if left_out not in row} == run
-    families = {row.split()[0]: row for row in listed()}
-    assert [*families] == [case_name(path) for path in case_files()]
-    counts = Counter(case_name(case.path) for case in cases)
-    for name, row in families.items():
-        verified = sum(case.id in run for case in cases if case_name(case.path) == name)
-        few = re.search(r"(\d+) of (\d+) in a bare", row)
-        told = counts[name]
-        if few:
-            told = int(few[1])
-        elif left_out in row:
-            told = 0
-        assert told == verified, row
-        assert (f"{counts[name]} cases" in row) == (counts[name] > 1), row
+    assert {row.split()[0] for row in rows_of("hertz")} == {
+        case.id for case in cases if "hertz" in case.id
+    }
+    refused(invoke("list", "no-such-word"), "no-such-word", "epcontact list")
+
+
+# --- new
+# -------------------------------------------------------------------------------
+
+
+def test_new_writes_cases_that_hold_and_overwrites_nothing(tmp_path, monkeypatch):
+    """`new solver` and `new rough` write cases that are ready to verify; a second call
+    is refused.
+    """
+    monkeypatch.chdir(tmp_path)
+    assert invoke("new", "solver").returncode == 0
+    done = invoke("verify", "my-solver.toml", "--jobs", 1)
+    assert done.returncode == 0, done
+    refused(invoke("new", "solver"), "my-solver.toml exists already")
+    assert invoke("new", "rough", "--output", "mine.toml").returncode == 0
+    case = load_case(find_case("mine.toml"))
+    assert case.id == "mine"
+    assert case.methods == ("persson", "bem")
+    refused(invoke("new", "rouhg"), "rouhg", "rough, solver")
+    refused(invoke("new", "rough", "--output", "a.txt"), "a.txt", ".toml")
+
+
+def test_a_map_for_a_case_leads_to_new_which_writes_its_case(tmp_path, monkeypatch):
+    """`run` of a map names the command that writes a case for it, which asks to check
+    the unit and the pixel size that the file does not state.
+    """
+    monkeypatch.chdir(tmp_path)
+    x, y = np.meshgrid(np.arange(24.0), np.arange(20.0), indexing="ij")
+    np.savetxt("my steel.csv", np.sin(0.9 * x) * np.cos(1.1 * y), delimiter=";")
+    command = "epcontact new 'my steel.csv'"
+    refused(invoke("run", "my steel.csv"), "map of heights", command)
+    done = invoke("new", "my steel.csv")
+    assert done.stdout.count("check: ") == 2
+    assert load_case(find_case("my-steel.toml")).methods == ("bem",)
+    table = tomllib.loads(Path("my-steel.toml").read_text())["surface"]
+    found = [table[key] for key in ("path", "unit", "pixel_size")]
+    assert found == ["my steel.csv", 1e-6, 1e-6]
+    sizes = ("--unit", "1e-9", "--pixel-size", "2e-6", "--output", "other.toml")
+    assert "check: " not in invoke("new", "my steel.csv", *sizes).stdout
+    table = tomllib.loads(Path("other.toml").read_text())["surface"]
+    assert [table["unit"], table["pixel_size"]] == [1e-9, 2e-6]
 
 
 # --- run and verify
@@ -680,7 +743,7 @@ def test_a_list_and_a_solver_send_nothing_to_the_terminal(write_case, monkeypatc
     (path.parent / "cases").mkdir()
     path.rename(path.parent / "cases" / path.name)
     monkeypatch.chdir(path.parent)
-    assert "A red \\x1b[31m word." in invoke("list").stdout
+    assert "A red \\x1b[31m word." in invoke("list", "--all").stdout
     solver = "sh -c 'printf \"\\033[31mred\" >&2; exit 3' {scene} {result}"
     done = invoke("verify", "cases/small.toml", "--solver", solver, "--jobs", 1)
     assert "\\x1b[31mred" in done.stdout

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
 
-from epcontact.cli.terminal import open_console, print_rows
+from epcontact.cli.terminal import open_console, print_rows, print_sentence, text_of
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.text import (
     SIZES,
@@ -18,24 +19,72 @@ from epcontact.harness.case_files.text import (
     read_cases,
 )
 
+#: The mark of families of which a bare verify runs no case.
+_LEFT_OUT = "*"
+
 
 @click.command()
+@click.argument("words", nargs=-1)
 @click.option(
-    "--all", "all_cases", is_flag=True, help="Each case of a family, one line each."
+    "--all", "all_cases", is_flag=True, help="Each case with its requirement."
 )
-def list(all_cases: bool) -> None:
-    """List the families of cases, one line each.
+def list(words: tuple[str, ...], all_cases: bool) -> None:
+    """List the cases by their methods, or what they require.
 
-    A family is a file that holds several cases, or one.
+    A name stands for a case file, with the number of its cases if there are several.
+    With WORDS, the files and cases with these words in their names are listed with
+    their sizes, methods and requirements.
     """
-    families: Any = ((case_name(path), read_cases(path)) for path in case_files())
-    first = "family"
-    if all_cases:
-        first = "case"
-        families = ((case.id, (case,)) for _, cases in families for case in cases)
-    headings = (first, "cases", "sizes", "methods", "requirement")
-    rows = (_row(name, cases) for name, cases in families)
+    families = [(case_name(path), read_cases(path)) for path in case_files()]
+    if not (words or all_cases):
+        _print_by_methods(families)
+        return
+    cases = [(case.id, (case,)) for _, family in families for case in family]
+    chosen: Sequence[tuple[str, Sequence[CaseText]]] = cases
+    if words and not all_cases:
+        chosen = [*families, *(case for case in cases if case not in families)]
+    rows = []
+    for name, family in chosen:
+        if all(word in name for word in words):
+            rows.append(_row(name, family))
+    if not rows:
+        raise InvalidCase(
+            f"no case has {' '.join(words)!r} in its name; `epcontact list` shows all"
+        )
+    headings = ("name", "cases", "sizes", "methods", "requirement")
     print_rows(open_console(), headings, rows, named=False)
+
+
+def _print_by_methods(families: Sequence[tuple[str, Sequence[CaseText]]]) -> None:
+    """Print the names of families of cases in a paragraph for each set of methods.
+
+    Args:
+        families: The name of each family and its cases.
+    """
+    console = open_console()
+    groups: dict[str, builtins.list[str]] = {}
+    for name, cases in families:
+        heads = [_head(case) for case in cases]
+        methods = dict.fromkeys(method for head in heads for method in head["methods"])
+        number = f" ({len(cases)})" if len(cases) > 1 else ""
+        is_run = any(map(_is_verified, cases, heads))
+        mark = "" if is_run else _LEFT_OUT
+        groups.setdefault(", ".join(methods), []).append(f"{name}{number}{mark}")
+    for methods_of_group, names in groups.items():
+        console.print(text_of(methods_of_group, "bold"))
+        print_sentence(console, f"  {', '.join(names)}")
+    count = sum(len(cases) for _, cases in families)
+    print_sentence(
+        console,
+        f"cases: {count}, in {len(families)} files, by their methods; a number in "
+        f"parentheses counts the cases of a file; {_LEFT_OUT} not in a bare `epcontact "
+        "verify`",
+    )
+    print_sentence(
+        console,
+        "`epcontact list WORD` shows what the cases with this word in their names "
+        "require, `epcontact list --all` what each requires",
+    )
 
 
 def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
@@ -47,7 +96,7 @@ def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
 
     Returns:
         The name, the number of cases and how many of them a bare verify runs, the
-        sizes, the methods, and the requirement of the first case.
+        sizes, the methods, and the requirements.
 
     Raises:
         InvalidCase: A case lacks a requirement or methods.
@@ -55,9 +104,8 @@ def _row(name: str, cases: Sequence[CaseText]) -> tuple[str, ...]:
     heads = [_head(case) for case in cases]
     sizes = [size for size in SIZES if any(size in case.sizes for case in cases)]
     methods = dict.fromkeys(method for head in heads for method in head["methods"])
-    requirement, *others = dict.fromkeys(str(head["requirement"]) for head in heads)
-    if others:
-        requirement += f" (the first of {len(others) + 1})"
+    requirements = dict.fromkeys(str(head["requirement"]) for head in heads)
+    requirement = " ".join(requirements)
     counts = []
     if len(cases) > 1:
         counts.append(f"{len(cases)} cases")

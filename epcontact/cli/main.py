@@ -45,6 +45,7 @@ COMMANDS = {
     "joint": "hardness_and_joint",
     "keys": "keys_gates_and_sources",
     "list": "list_cases",
+    "new": "new",
     "plan": "plan",
     "report": "report_and_view",
     "run": "run_and_verify",
@@ -53,6 +54,41 @@ COMMANDS = {
     "sweep": "sweep",
     "verify": "run_and_verify",
     "view": "report_and_view",
+}
+
+
+#: Examples at the end of the help of each command.
+EXAMPLES = {
+    "accuracy": ("accuracy results/accuracy-elastic",),
+    "chart": ("chart", "chart validity", "chart cost --full"),
+    "cite": ("cite paper-elastoplastic",),
+    "compare": ("compare results", "compare old/verdict.json results"),
+    "crosscheck": ("crosscheck fem-elastic",),
+    "export": ("export fem-elastic block.inp",),
+    "gates": ("gates hertz-sphere", "gates --output results"),
+    "hardness": (
+        "hardness --yield-stress 1e9 --young-modulus 7e10 --poisson-ratio 0.2 "
+        "--mean-pressure 2e8 --rms-slope 0.1",
+    ),
+    "joint": (
+        "joint --conductivities 16 50 --hardness 3e9 --effective-modulus 2e10 "
+        "--rms-height 3e-6 --rms-slope 0.2 --mean-pressure 3e7",
+    ),
+    "keys": ("keys",),
+    "list": ("list", "list hertz", "list --all"),
+    "new": ("new steel.csv --unit 1e-6 --pixel-size 8e-7", "new rough", "new solver"),
+    "plan": ("plan paper-elastic --tolerance 2%",),
+    "report": ("report results",),
+    "run": ("run paper-elastic", "run steel.toml --charts --output steel"),
+    "schema": ("schema case > case.schema.json",),
+    "stability": ("stability",),
+    "sweep": ("sweep my-surface.toml",),
+    "verify": (
+        "verify",
+        "verify hertz-sphere --gates",
+        "verify my-solver.toml --solver mine=my_solver:solve",
+    ),
+    "view": ("view results/paper-elastic/fast/bem.json --screenshot contact.png",),
 }
 
 
@@ -78,6 +114,8 @@ class _Commands(click.Group):
         with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
             module = import_module(f"epcontact.cli.{COMMANDS[cmd_name]}")
         command: click.Command = getattr(module, cmd_name)
+        lines = [f"  epcontact {example}" for example in EXAMPLES[cmd_name]]
+        command.epilog = "\n".join(("\b", "Examples:", *lines))
         return command
 
     def format_commands(
@@ -99,7 +137,17 @@ class _Commands(click.Group):
             formatter.write_dl(lines)
 
 
-@click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+#: Help is as wide as the terminal, but has at most so many columns.
+_WIDEST_HELP = 120
+
+
+@click.command(
+    cls=_Commands,
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": _WIDEST_HELP,
+    },
+)
 @click.version_option(package_name="epcontact")
 def cli() -> None:
     """Cross-validate rough elastoplastic contact by theory and numerical methods."""

@@ -78,8 +78,9 @@ def run(
     console = open_console()
     # `_mean_row` in `harness/solving/method_results.py` computes the number behind each
     # ± of this table, from the errors that `LoadStep.row` in `results.py` lists.
-    console.print(tables.results_table(results, console.width))
-    print_sentence(console, tables.MEANING_OF_ERRORS)
+    if any(method.results for method in results.values()):
+        console.print(tables.results_table(results, console.width))
+        print_sentence(console, tables.MEANING_OF_ERRORS)
     for sentence in tables.leak_sentences(results):
         print_sentence(console, sentence)
     tables.print_surface_notes(console, chosen, results)

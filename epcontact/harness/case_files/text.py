@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -210,7 +211,10 @@ def _read(path: Path) -> dict[str, Any]:
         if path.stat() and not path.is_file():
             raise InvalidCase(f"{path}: is no regular file")
         if path.stat().st_size > LARGEST_FILE:
-            raise InvalidCase(f"{path}: is larger than a case file can be (1 MiB)")
+            raise InvalidCase(
+                _map_sentence(path)
+                or f"{path}: is larger than a case file can be (1 MiB)"
+            )
         text = path.read_bytes().decode("utf-8-sig")
         _require_short(text)
         return tomllib.loads(text)
@@ -218,7 +222,24 @@ def _read(path: Path) -> dict[str, Any]:
         raise InvalidCase(f"{path}: cannot be read: {error.strerror}") from None
     # tomllib raises RecursionError if there are too many brackets.
     except (ValueError, RecursionError) as error:
-        raise InvalidCase(f"{path}: is not TOML in UTF-8: {error}") from None
+        if isinstance(error, InvalidCase):
+            raise
+        raise InvalidCase(
+            _map_sentence(path) or f"{path}: is not TOML in UTF-8: {error}"
+        ) from None
+
+
+def _map_sentence(path: Path) -> str:
+    """Return the sentence for a file that is no case file but may be a map of heights.
+
+    It is empty for a file whose name ends with .toml.
+    """
+    if path.suffix.lower() == ".toml":
+        return ""
+    return (
+        f"{path}: is no case file (.toml); if it is a map of heights, `epcontact new "
+        f"{shlex.quote(str(path))}` writes a case for it"
+    )
 
 
 def _require_short(text: str) -> None:
