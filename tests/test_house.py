@@ -40,7 +40,7 @@ TOKENS = {
     "epcontact.interface": 3_899,
     "epcontact.machine": 1_280,
     "epcontact.materials": 1_664,
-    "epcontact.output": 16_977,
+    "epcontact.output": 17_101,
     "epcontact.peers": 5_122,
     "epcontact.persson": 13_560,
     "epcontact.pictures": 4_365,

@@ -208,6 +208,7 @@ def spectrum_chart(surface: Surface) -> Chart | None:
         Axis(y, rf"spectral density ${symbol}(q)$ (m$^{power}$)"),
         styles={"analytic": "curve"},
         log="xy",
+        title="Which wavelengths make the surface rough?",
     )
     caption = "Power spectrum of the surface roughness."
     return draw_table(pd.concat(tables), look, caption)
@@ -261,6 +262,7 @@ def magnification_chart(
         colours=PART_COLOURS,
         log="xy",
         limits={"ylim": (lowest, 1.5 * positive.max())},
+        title="On which length scale does the contact begin to flow?",
     )
     caption = (
         f"{case_id}: areas against magnification by Persson's theory, "

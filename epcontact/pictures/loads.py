@@ -22,26 +22,44 @@ class _LoadChart(NamedTuple):
     Attributes:
         pattern: a regular expression for the names in COLUMNS that the chart shows.
         label: the label of its vertical axis; {unit} stands for the unit.
+        title: the question that the chart answers.
     """
 
     pattern: str
     label: str
+    title: str
 
 
 #: The charts of the loads by their names.
 _CHARTS = {
     "areas": _LoadChart(
-        "_area$|^flowed_share$", "contact area / nominal area ({unit})"
+        "_area$|^flowed_share$",
+        "contact area / nominal area ({unit})",
+        "How much of the surface is in contact?",
     ),
-    "gap": _LoadChart("mean_gap", "mean gap ({unit})"),
-    "stiffness": _LoadChart("stiffness_", "stiffness ({unit})"),
-    "conductance": _LoadChart("^conductance", "conductance times resistivity ({unit})"),
-    "thermal": _LoadChart("thermal_conductance", "thermal conductance ({unit})"),
+    "gap": _LoadChart("mean_gap", "mean gap ({unit})", "How far apart are the faces?"),
+    "stiffness": _LoadChart(
+        "stiffness_", "stiffness ({unit})", "How stiff is the contact?"
+    ),
+    "conductance": _LoadChart(
+        "^conductance",
+        "conductance times resistivity ({unit})",
+        "How well does the contact conduct?",
+    ),
+    "thermal": _LoadChart(
+        "thermal_conductance",
+        "thermal conductance ({unit})",
+        "How well does the joint conduct heat?",
+    ),
     "electrical": _LoadChart(
-        "electrical_conductance", "electrical conductance ({unit})"
+        "electrical_conductance",
+        "electrical conductance ({unit})",
+        "How well does the joint conduct electricity?",
     ),
     "percolation": _LoadChart(
-        "_percolation", "share of the area that percolates ({unit})"
+        "_percolation",
+        "fraction of the area at which it connects ({unit})",
+        "How much open or touching area would connect across the surface?",
     ),
 }
 #: The names of these charts in a folder.
@@ -136,6 +154,8 @@ def _load_chart(name: str, table: pd.DataFrame) -> Chart:
         colour="quantity" if one_method else "",
         colours={f"{part} area": colour for part, colour in PART_COLOURS.items()},
         mark="quantity",
+        title=_CHARTS[name].title,
+        compares=not one_method,
         scale=(pressure_scale, scale),
     )
     quantity = label.removesuffix(" ({unit})").capitalize()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -273,4 +273,5 @@ def _draw(
         if look.colour:
             by.append(look.colour)
         table = mean_with_interval(table, look.y.column, list(dict.fromkeys(by)))
-    return draw_table(table, look, caption)
+    title = re.split(r"[.:] |, with |, which ", caption, maxsplit=1)[0]
+    return draw_table(table, replace(look, title=look.title or title), caption)

@@ -80,6 +80,7 @@ def pressure_distribution(
         scale=(scale, 1 / scale),
         limits={"xlim": (0, 1.04 * largest / scale), "ylim": (0, None)},
         upright=upright,
+        title="How are the contact pressures distributed?",
     )
     caption = (
         "Probability density of the contact pressure per nominal area, mean of all "
@@ -112,6 +113,7 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
         Axis("residual", "residual (–)"),
         log="y",
         ticks=range(0, longest, max(longest // 8, 1)),
+        title="Did the iterations converge?",
     )
     caption = (
         "Residual of the iteration on the finest grid, of the surface that took "

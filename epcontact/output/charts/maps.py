@@ -118,6 +118,10 @@ def contact_map(
     look = {"cmap": ListedColormap(state_colours), "vmin": APART, "vmax": FLATTENED}
     with styled():
         figure, (left, right) = new_figure(7.4, 3.9, columns=2)
+        question = "Where do the faces touch, and where do they flow?"
+        if right_field is depth:
+            question = "What has the load left behind?"
+        _ask(figure, question)
         show_field(left, state, spacing, **look)
         image, unit = _show_positive(right, right_field, spacing, largest, unit)
         bar = figure.colorbar(image, ax=right, shrink=0.82)
@@ -255,6 +259,7 @@ def pressure_difference(
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
         left, middle, right = axes
+        _ask(figure, "Do both methods find the same pressures?")
         image, unit = _show_positive(left, first, spacing, largest)
         image, unit = _show_positive(middle, second, spacing, largest)
         figure.colorbar(image, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
@@ -310,6 +315,7 @@ def contact_profile(
     deepest = limits[0] / depth_scale
     with styled():
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
+        _ask(figure, "Where does the line touch, and where does it flow?")
         left.fill_between(
             x / x_scale, -depth / depth_scale, -1.05 * deepest, color="#d9d9d9"
         )
@@ -380,6 +386,7 @@ def stability_map(
     norm = LogNorm(max(lowest, 1.0), max(highest, lowest + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
+        _ask(figure, "Where do the methods converge?")
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
             image = axes.imshow(
                 table.T,
@@ -403,6 +410,16 @@ def stability_map(
             numbers = (x_values[i], y_values[j], table[i, j])
             rows.append((name, *map(float, numbers)))
     return Chart(figure, ("method", *labels, count), rows, caption)
+
+
+def _ask(figure: Any, question: str) -> None:
+    """Write the question that a chart answers above it, at the left edge.
+
+    Args:
+        figure: the figure of matplotlib.
+        question: a short sentence.
+    """
+    figure.suptitle(question, x=0.01, ha="left", fontsize=10)
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:

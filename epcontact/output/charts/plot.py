@@ -30,7 +30,7 @@ from epcontact.results import FloatArray
 #: Width and height of a chart, and the margins for titles and labels of its axes
 #: (inches).  The right margin is added to the width of the legend.
 _SIZE = (6.4, 3.9)
-_LEFT, _BOTTOM, _RIGHT, _TOP = 0.95, 0.5, 0.2, 0.3
+_LEFT, _BOTTOM, _RIGHT, _TOP = 0.95, 0.5, 0.2, 0.45
 #: Marks with error bars of several series stand side by side within this width, and
 #: two are at most this far from each other (points of length).
 _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
@@ -58,6 +58,7 @@ class Plot:
     """How the chart of a table is drawn.
 
     Attributes:
+        title: the question that the chart answers, above the axes.
         x, y: the column and the label of the horizontal and of the vertical axis.
             Columns `<y>_low` and `<y>_high` are drawn as error bars, along curves as
             bands.
@@ -85,6 +86,8 @@ class Plot:
             number.
         front: whether to draw the Pareto front of all series but curves; x is a cost
             and y an error then.
+        compares: whether the series are compared with each other, so that a warning is
+            added if their intervals are wider than their differences.
     """
 
     x: Axis
@@ -104,6 +107,8 @@ class Plot:
     upright: Mapping[str, float] = field(default_factory=dict)
     orders: Sequence[str] = ()
     front: bool = False
+    title: str = ""
+    compares: bool = True
 
 
 @dataclass(frozen=True)
@@ -184,7 +189,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     all_series = [_series(values, group, plot) for values, group in groups]
     if not any(one.is_finite.any() for one in all_series):
         raise ValueError("there is nothing to draw: no series has a finite point")
-    warning = _interval_warning(all_series)
+    warning = _interval_warning(all_series) if plot.compares else ""
     looks = _looks(all_series, plot)
     with styled():
         figure, (axes,) = new_figure(*_SIZE, layout=None)
@@ -209,9 +214,11 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         _place_axes(figure, axes)
+        # The title begins at the left edge, because the legend is at the right.
+        figure.text(0.1 / _SIZE[0], 0.985, plot.title, va="top", fontsize=10)
         if warning:
-            title = "the intervals are wider than the differences"
-            axes.set_title(title, color="#a63c00")
+            words = "the intervals are wider than the differences"
+            axes.set_title(words, color="#a63c00", loc="left", fontsize=8)
     header = ("series", plot.x.column, plot.y.column, "low", "high")
     rows = [row for one in all_series for row in one.rows()]
     text = f"{caption} {warning}".rstrip()
