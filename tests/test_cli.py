@@ -24,9 +24,9 @@ from command_line import invoke, python
 from conftest import ROUGH
 from rich.console import Console
 
-from epcontact.cli import list_cases, main, options
+from epcontact.cli import list_cases, main, progress
 from epcontact.cli.main import COMMANDS, cli
-from epcontact.cli.options import ProgressLine, show_progress
+from epcontact.cli.progress import ProgressLine, show_progress
 from epcontact.cli.tables import results_table, verdict_table
 from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
 from epcontact.errors import OutputError, sentence_of
@@ -93,11 +93,17 @@ def test_an_output_without_greek_letters_shows_a_question_mark():
     assert "at E*?/?_Y = 5" in done.stdout
 
 
-@pytest.mark.parametrize("argument", ["--help", "list"])
-def test_lists_load_no_solver(argument):
-    """`--help` and `list` load neither numpy nor other heavy libraries."""
+@pytest.mark.parametrize(
+    "words", ["--help", "list", *(f"{name} --help" for name in COMMANDS)]
+)
+def test_help_and_lists_load_no_solver(words):
+    """`list` and the help of every command load neither numpy nor other heavy
+    libraries.
+
+    `words` is the command line.
+    """
     program = (
-        f"import atexit, sys; sys.argv = ['epcontact', '{argument}']\n"
+        f"import atexit, sys; sys.argv = ['epcontact', *{words.split()}]\n"
         "loaded = lambda: {'numpy', 'numba', 'pydantic', 'pyvista'} & "
         "set(sys.modules)\n"
         "atexit.register(lambda: print(sorted(loaded())))\n"
@@ -720,9 +726,9 @@ def test_a_progress_bar_and_tables_have_no_markup(monkeypatch):
         """Return the console of a terminal that writes to `shown`."""
         return Console(file=shown, force_terminal=True, width=100)
 
-    monkeypatch.setattr("epcontact.cli.options.Console", console)
-    with show_progress("run") as progress:
-        progress(1, 2, "case [/x] \x1b[5m")
+    monkeypatch.setattr("epcontact.cli.progress.Console", console)
+    with show_progress("run") as update:
+        update(1, 2, "case [/x] \x1b[5m")
     table = new_table(("name", "status"))
     table.add_row("[/y] \x1b[5m", text_of("error", "bold red"))
     console().print(table)
@@ -771,16 +777,16 @@ def test_a_pipe_has_a_line_within_a_second_and_then_one_in_ten(monkeypatch, caps
 
     The interval of ten seconds is shortened to 0.05 s.
     """
-    monkeypatch.setattr(options, "_FIRST_LINE", 0.01)
-    monkeypatch.setattr(options, "_LINES_APART", 0.05)
-    with show_progress("run") as progress:
-        progress(0.5, 2, "")
+    monkeypatch.setattr(progress, "_FIRST_LINE", 0.01)
+    monkeypatch.setattr(progress, "_LINES_APART", 0.05)
+    with show_progress("run") as update:
+        update(0.5, 2, "")
         time.sleep(0.3)
-        progress(2, 2, "a case")
+        update(2, 2, "a case")
     *lines, last = capsys.readouterr().err.splitlines()
     assert 2 <= len(lines) <= 7
     assert set(lines) == {"run: 0 of 2"}
     assert last == "run: 2 of 2"
-    with pytest.raises(ZeroDivisionError), show_progress("run") as progress:
-        progress(1 / 0, 2, "")
+    with pytest.raises(ZeroDivisionError), show_progress("run") as update:
+        update(1 / 0, 2, "")
     assert not capsys.readouterr().err

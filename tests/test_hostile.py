@@ -25,7 +25,7 @@ from fem_scenes import rough_scene
 
 import fem_check
 from epcontact import bem, planning
-from epcontact.cli.plan import plan
+from epcontact.cli.commands import plan
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure

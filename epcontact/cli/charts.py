@@ -4,31 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 import pandas as pd
 from rich.table import Table
 
 from epcontact.cli.main import print_error, print_text
-from epcontact.cli.options import folder
 from epcontact.cli.terminal import new_table, open_console, text_of
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import stability as stability_maps
 
-_full = click.option(
-    "--full", is_flag=True, help="Minutes instead of seconds, and finer."
-)
 
-
-@click.command()
-@click.argument("names", nargs=-1)
-@_full
-@click.option(
-    "--peers", is_flag=True, help="Add the comparison with other solvers (extra peers)."
-)
-@folder(default=Path("charts"))
 def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None:
-    """Draw the charts of the studies NAMES with data and captions; none: list them."""
+    """Draw the charts of the studies NAMES with data and captions; none: list them.
+
+    The arguments are those of `commands.chart`.
+    """
     wanted = list(names)
     if peers:
         wanted.append("peers")
@@ -50,14 +40,10 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
             print_text(drawn.caption)
 
 
-@click.command()
-@click.argument("maps", nargs=-1)
-@_full
-@folder(default=Path("stability"))
 def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
     """Sweep loads and hardnesses; map where each method converges and how fast.
 
-    MAPS are some of capped, elastic, theory and fem; all of them where none is named.
+    The arguments are those of `commands.stability`.
     """
     size = "coarse"
     if full:

@@ -29,33 +29,15 @@ from epcontact.harness.verdict.compare import (
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import accuracy as ledgers
 
-_path = click.Path(path_type=Path)
 #: Rows of a table, and names of a list, that a terminal shows; the CSV file has all.
 _ROWS = 20
 _NAMES = 5
 
 
-@click.command()
-@click.argument("verdicts", type=_path, nargs=-1, required=True, metavar="[OLD] NEW")
-@click.option(
-    "--csv", "table", type=_path, help="Write every value that moved to this file."
-)
-@click.option(
-    "--keep",
-    "saved",
-    type=_path,
-    help="Save the values of NEW in this small .csv, a later OLD.",
-)
 def compare(verdicts: tuple[Path, ...], table: Path | None, saved: Path | None) -> None:
     """Compare two verdicts and list the values that changed.
 
-    Changes are in units of the error estimates.  OLD and NEW are verdict.json, a folder
-    that holds it, or a table that --keep wrote; without OLD it is the table of this
-    release.  The exit code is 1 if a value changed by more than its error estimate,
-    though its band may hold, or if a gate that held does not.  A value without an error
-    estimate may change by a ten-thousandth, and a value that must be 0 by its band.
-    More work is listed in counts.  Seconds depend on the machine, and their ratio
-    judges nothing.
+    The arguments are those of `commands.compare`.
     """
     if len(verdicts) > 2:
         raise click.UsageError(f"compares OLD and NEW, but {len(verdicts)} are given")
@@ -137,21 +119,6 @@ def _print_moved(console: Console, comparison: Comparison) -> None:
 _GRIDS = (4, 8)
 
 
-@click.command()
-@click.argument("folders", nargs=-1, type=_path)
-@click.option(
-    "--csv",
-    "table",
-    type=_path,
-    help="Write the ledger, with every grid, to this file.",
-)
-@click.option(
-    "--keep",
-    "saved",
-    type=_path,
-    help="Write what it rests on, a row for each scene and pair.",
-)
-@click.option("--charts", type=_path, help="Draw the charts into this folder.")
 def accuracy(
     folders: tuple[Path, ...],
     table: Path | None,
@@ -160,12 +127,7 @@ def accuracy(
 ) -> None:
     """Print bias, scatter and cost of each quantity between methods and references.
 
-    FOLDERS are those of `epcontact sweep` (CASE/SIZE in its output) and of `epcontact
-    verify`; with none it is the ledger of this release.  The bias is the median of the
-    relative differences over scenes, the scatter half the width of their central 68 %.
-    Differences of areas are over the reference, or over a thousandth of the nominal
-    area where that is more.  Times are over those of boundary elements on 4 points per
-    shortest wave.
+    The arguments are those of `commands.accuracy`.
     """
     rows = ledgers.read_rows(folders)
     ledger = ledgers.ledger(rows)

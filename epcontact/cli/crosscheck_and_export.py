@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 
 from epcontact.cli.main import print_text
-from epcontact.cli.options import case_size
 from epcontact.crosscheck.report import crosscheck as check_models
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_case, load_case
@@ -18,22 +17,10 @@ from epcontact.peers import calculix
 _MOST_SEEDS = 10_000
 
 
-@click.command()
-@click.argument("case")
-@case_size
-@click.option(
-    "--seeds",
-    default=None,
-    metavar="FIRST-LAST",
-    help="Surfaces of these seeds, not the case's.",
-)
-@click.option(
-    "--steps", type=click.IntRange(1), help="Increments of the J2 body, not the case's."
-)
 def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> None:
     """Split the difference of finite and boundary elements into grid, depth, model.
 
-    A case that names calculix or tamaas_j2 is also solved by these codes, in a table.
+    The arguments are those of `commands.crosscheck`.
     """
     loaded = load_case(find_case(case), size)
     numbers = range(0)
@@ -61,17 +48,10 @@ def _seeds(text: str) -> range:
     return seeds
 
 
-@click.command()
-@click.argument("case")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
-@case_size
 def export(case: str, file: Path, size: str) -> None:
     """Write the finite-element block of CASE, with its first surface, to FILE.
 
-    FILE.inp is a complete input file of CalculiX, which `ccx FILE` runs without its
-    ending.  .vtu, .vtk, .msh, .med and .xdmf (these two with the package h5py) hold the
-    bricks, the nodes of "top" and "base", and the gap (m) of each top node to the rigid
-    flat on the highest of them.
+    The arguments are those of `commands.export`.
     """
     loaded = load_case(find_case(case), size)
     if loaded.skip:

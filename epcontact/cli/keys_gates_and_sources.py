@@ -5,10 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import click
-
 from epcontact.cli.main import print_text
-from epcontact.cli.options import case_size, folder
 from epcontact.cli.terminal import open_console, print_rows
 from epcontact.harness.case_files.case import (
     find_case,
@@ -27,9 +24,11 @@ from epcontact.results import plain
 _PIPE = 300
 
 
-@click.command()
 def keys() -> None:
-    """Print every key of a case file and every quantity of a gate, with its unit."""
+    """Print every key of a case file and every quantity of a gate, with its unit.
+
+    The arguments are those of `commands.keys`.
+    """
     quantities = [(q.name, q.unit, q.meaning) for q in QUANTITIES.values()]
     console = open_console()
     print_rows(console, ("table", "key", "default", "meaning"), key_table())
@@ -37,10 +36,11 @@ def keys() -> None:
     print_rows(console, ("quantity of a gate", "unit", "meaning"), quantities)
 
 
-@click.command()
-@click.argument("kind", type=click.Choice(["case", "verdict"]))
 def schema(kind: str) -> None:
-    """Print the JSON Schema of a case file, or of verdict.json."""
+    """Print the JSON Schema of a case file, or of verdict.json.
+
+    The arguments are those of `commands.schema`.
+    """
     if kind == "case":
         content = case_schema()
     else:
@@ -48,29 +48,19 @@ def schema(kind: str) -> None:
     print_text(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
-@click.command()
-@click.argument("case")
-@case_size
 def cite(case: str, size: str) -> None:
     """Print the sources, papers and software versions that a case rests on.
 
-    CASE is the name of a case of the package, or a file.  A size counts because each
-    may have gates, and so papers, of its own.
+    The arguments are those of `commands.cite`.
     """
     for line in citation(load_case(find_case(case), size)):
         print_text(line)
 
 
-@click.command()
-@click.argument("cases", nargs=-1)
-@folder(
-    default=Path("results"), help="Folder of the verification whose margins are shown."
-)
 def gates(cases: tuple[str, ...], output: Path) -> None:
     """List the band, margin and reason of every gate.
 
-    The margin is that of the verdict in the output folder: the band over the difference
-    and its interval.
+    The arguments are those of `commands.gates`.
     """
     margins = _margins(output / "verdict.json")
     named = [text for name in cases for text in find_named(name)]

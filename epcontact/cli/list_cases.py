@@ -6,8 +6,6 @@ import builtins
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import click
-
 from epcontact.cli.terminal import open_console, print_rows, print_sentence, text_of
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.text import (
@@ -23,17 +21,10 @@ from epcontact.harness.case_files.text import (
 _LEFT_OUT = "*"
 
 
-@click.command()
-@click.argument("words", nargs=-1)
-@click.option(
-    "--all", "all_cases", is_flag=True, help="Each case with its requirement."
-)
 def list(words: tuple[str, ...], all_cases: bool) -> None:
     """List the cases by their methods, or what they require.
 
-    A name stands for a case file, with the number of its cases if there are several.
-    With WORDS, the files and cases with these words in their names are listed with
-    their sizes, methods and requirements.
+    The arguments are those of `commands.list`.
     """
     families = [(case_name(path), read_cases(path)) for path in case_files()]
     if not (words or all_cases):

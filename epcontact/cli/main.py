@@ -8,7 +8,6 @@ waits for solvers and charts to load.
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import errno
 import io
@@ -17,12 +16,12 @@ import signal
 import sys
 import threading
 import traceback
-from importlib import import_module
-from pathlib import Path
 from typing import TextIO
 
 import click
 
+from epcontact.cli import commands
+from epcontact.cli.commands import COMMANDS, EXAMPLES
 from epcontact.errors import (
     EpcontactError,
     InvalidCase,
@@ -30,90 +29,21 @@ from epcontact.errors import (
     printable,
     without_controls,
 )
-from epcontact.machine import LINEAR_ALGEBRA, single_threads
-
-#: The module of each command, whose function has the name of the command.
-COMMANDS = {
-    "accuracy": "compare_and_accuracy",
-    "chart": "charts",
-    "cite": "keys_gates_and_sources",
-    "compare": "compare_and_accuracy",
-    "crosscheck": "crosscheck_and_export",
-    "export": "crosscheck_and_export",
-    "gates": "keys_gates_and_sources",
-    "hardness": "hardness_and_joint",
-    "joint": "hardness_and_joint",
-    "keys": "keys_gates_and_sources",
-    "list": "list_cases",
-    "new": "new",
-    "plan": "plan",
-    "report": "report_and_view",
-    "run": "run_and_verify",
-    "schema": "keys_gates_and_sources",
-    "stability": "charts",
-    "sweep": "sweep",
-    "verify": "run_and_verify",
-    "view": "report_and_view",
-}
-
-
-#: Examples at the end of the help of each command.
-EXAMPLES = {
-    "accuracy": ("accuracy results/accuracy-elastic",),
-    "chart": ("chart", "chart validity", "chart cost --full"),
-    "cite": ("cite paper-elastoplastic",),
-    "compare": ("compare results", "compare old/verdict.json results"),
-    "crosscheck": ("crosscheck fem-elastic",),
-    "export": ("export fem-elastic block.inp",),
-    "gates": ("gates hertz-sphere", "gates --output results"),
-    "hardness": (
-        "hardness --yield-stress 1e9 --young-modulus 7e10 --poisson-ratio 0.2 "
-        "--mean-pressure 2e8 --rms-slope 0.1",
-    ),
-    "joint": (
-        "joint --conductivities 16 50 --hardness 3e9 --effective-modulus 2e10 "
-        "--rms-height 3e-6 --rms-slope 0.2 --mean-pressure 3e7",
-    ),
-    "keys": ("keys",),
-    "list": ("list", "list hertz", "list --all"),
-    "new": ("new steel.csv --unit 1e-6 --pixel-size 8e-7", "new rough", "new solver"),
-    "plan": ("plan paper-elastic --tolerance 2%",),
-    "report": ("report results",),
-    "run": ("run paper-elastic", "run steel.toml --charts --output steel"),
-    "schema": ("schema case > case.schema.json",),
-    "stability": ("stability",),
-    "sweep": ("sweep my-surface.toml",),
-    "verify": (
-        "verify",
-        "verify hertz-sphere --gates",
-        "verify my-solver.toml --solver mine=my_solver:solve",
-    ),
-    "view": ("view results/paper-elastic/fast/bem.json --screenshot contact.png",),
-}
 
 
 class _Commands(click.Group):
-    """The group of `COMMANDS`; each is imported when it runs."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands, which do not depend on `ctx`."""
-        return list(COMMANDS)
+    """The group of all commands."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import the module of a command and return the command.
+        """Return a command by its name; raise UsageError if there is none.
 
-        `cmd_name` is its name, a key of `COMMANDS`; `ctx` is not used.  Raises
-        UsageError if there is no such command.
+        `ctx` is not used.
         """
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self.commands:
             raise click.UsageError(
-                f"there is no command {cmd_name!r}{nearest(cmd_name, COMMANDS)}"
+                f"there is no command {cmd_name!r}{nearest(cmd_name, self.commands)}"
             )
-        # No command has matrices that need threads, and to start them takes as long as
-        # numpy's import.  A number of threads that the user sets counts.
-        with single_threads(*({LINEAR_ALGEBRA} - os.environ.keys())):
-            module = import_module(f"epcontact.cli.{COMMANDS[cmd_name]}")
-        command: click.Command = getattr(module, cmd_name)
+        command = self.commands[cmd_name]
         lines = [f"  epcontact {example}" for example in EXAMPLES[cmd_name]]
         command.epilog = "\n".join(("\b", "Examples:", *lines))
         return command
@@ -121,32 +51,22 @@ class _Commands(click.Group):
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        """Write the list of the commands into the help text.
+        """Write the list of the commands, each with the first line of its help.
 
-        Each has the first line of its docstring, which is read from the source file
-        without an import.  `ctx` is not used; `formatter` collects the help text.
+        `ctx` is not used; `formatter` collects the help text.
         """
-        descriptions = {}
-        for file in Path(__file__).parent.glob("*.py"):
-            for node in ast.parse(file.read_text(encoding="utf-8")).body:
-                if isinstance(node, ast.FunctionDef):
-                    first_line, *_ = (ast.get_docstring(node) or "").split("\n")
-                    descriptions[file.stem, node.name] = first_line
-        lines = [(name, descriptions[file, name]) for name, file in COMMANDS.items()]
+        rows = []
+        for name, command in sorted(self.commands.items()):
+            first_line, *_ = (command.help or "").split("\n")
+            rows.append((name, first_line))
         with formatter.section("Commands"):
-            formatter.write_dl(lines)
-
-
-#: Help is as wide as the terminal, but has at most so many columns.
-_WIDEST_HELP = 120
+            formatter.write_dl(rows)
 
 
 @click.command(
     cls=_Commands,
-    context_settings={
-        "help_option_names": ["-h", "--help"],
-        "max_content_width": _WIDEST_HELP,
-    },
+    commands=[getattr(commands, name) for name in COMMANDS],
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="epcontact")
 def cli() -> None:

@@ -9,8 +9,6 @@ import string
 from importlib.resources import files
 from pathlib import Path
 
-import click
-
 from epcontact.cli.main import print_text
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.files import write_text
@@ -27,27 +25,12 @@ _KINDS = {
 _USUAL_UNIT = 1e-6
 
 
-@click.command()
-@click.argument("kind", metavar="rough|solver|MAP")
-@click.option(
-    "--unit", type=float, help="Unit of the heights of MAP in m: 1e-6 for µm."
-)
-@click.option(
-    "--pixel-size", type=float, help="Distance of neighbouring points of MAP in m."
-)
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="File to write; else MAP.toml, my-surface.toml or my-solver.toml here.",
-)
 def new(
     kind: str, unit: float | None, pixel_size: float | None, output: Path | None
 ) -> None:
     """Write a commented case file that is ready to run.
 
-    It is for a measured map of heights (MAP is its file), for a rough surface like
-    those of papers (rough), or for judging a solver (solver, with a my_solver.py).
-    Existing files are not overwritten.
+    The arguments are those of `commands.new`.
     """
     guesses: list[str] = []
     if kind in _KINDS:

@@ -5,46 +5,14 @@ from __future__ import annotations
 import sys
 from tempfile import TemporaryDirectory
 
-import click
-
 from epcontact import planning
 from epcontact.cli.main import print_error, print_text
-from epcontact.cli.options import run_options
 from epcontact.errors import EpcontactError, InvalidCase
-from epcontact.harness.case_files.case import SIZES, Case, find_case, load_case
+from epcontact.harness.case_files.case import Case, find_case, load_case
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.verification import verify
 
 
-@click.command()
-@click.argument("case")
-@click.option(
-    "--tolerance",
-    default="1%",
-    show_default=True,
-    help="Relative, at 95 % confidence: 1% or 0.01.",
-)
-@click.option(
-    "--part",
-    "parts",
-    multiple=True,
-    default=["total"],
-    show_default=True,
-    type=click.Choice(["total", "elastic", "plastic"]),
-    help="Of the area; may be given again.",
-)
-@click.option(
-    "--size",
-    type=click.Choice(SIZES),
-    default=None,
-    help="Size of the case; else its largest.",
-)
-@click.option(
-    "--check",
-    is_flag=True,
-    help="Run the plan and a finer grid; exit 1 if the error is larger.",
-)
-@run_options("executor")
 def plan(
     case: str,
     tolerance: str,
@@ -55,7 +23,7 @@ def plan(
 ) -> None:
     """Find the cheapest model of CASE whose contact area is within a tolerance.
 
-    Prints the reasons and the cost.  --executor is for the solves of --check.
+    The arguments are those of `commands.plan`.
     """
     text = find_case(case)
     loaded = load_case(text, size or text.sizes[-1])

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from epcontact.cli.main import print_text
-from epcontact.cli.options import show_progress
+from epcontact.cli.progress import show_progress
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
@@ -16,18 +16,11 @@ from epcontact.output.charts.maps import save_map
 from epcontact.output.report import report_folder
 from epcontact.pictures.drawn import draw_saved_cases
 
-_file = click.Path(path_type=Path, dir_okay=False)
 
-
-@click.command()
-@click.argument("folder", type=click.Path(path_type=Path), default=Path("results"))
-@click.option(
-    "--output", type=_file, help="Page to write; else report.html in the folder."
-)
 def report(folder: Path, output: Path | None) -> None:
     """Write one self-contained page of the verification run in FOLDER.
 
-    FOLDER is the output folder of `epcontact verify`.
+    The arguments are those of `commands.report`.
     """
     verdict = Verdict.read(folder / "verdict.json")
     with show_progress("report") as progress:
@@ -41,30 +34,6 @@ def report(folder: Path, output: Path | None) -> None:
     print_text(f"report in {page}")
 
 
-@click.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option("--screenshot", type=_file, help="Draw to this PNG instead of a window.")
-@click.option(
-    "--map",
-    "contact_map",
-    type=_file,
-    help="Draw contact state and pressure from above, as a .png; a name without an "
-    "ending gives the picture, its data and a caption.",
-)
-@click.option(
-    "--against",
-    type=click.Path(path_type=Path),
-    help="With --screenshot: draw the pressures of RESULT and of this one, and their "
-    "difference.",
-)
-@click.option(
-    "--film",
-    type=_file,
-    help="Draw the load steps of a .pvd as a film: .gif, or .mp4 with imageio-ffmpeg.",
-)
-@click.option(
-    "--factor", type=float, default=None, help="Stretch the deformation by this."
-)
 def view(
     result: Path,
     screenshot: Path | None,
@@ -75,7 +44,7 @@ def view(
 ) -> None:
     """Show the fields of a result in three dimensions.
 
-    RESULT is a .vti, .vtu or .pvd file, or the .json file of a method.
+    The arguments are those of `commands.view`.
     """
     if against is not None and screenshot is None:
         raise click.UsageError("--against draws to a file; give --screenshot too")

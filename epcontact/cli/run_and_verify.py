@@ -14,8 +14,9 @@ import click
 from rich.console import Console
 
 import epcontact
-from epcontact.cli import options, tables
+from epcontact.cli import tables
 from epcontact.cli.main import discard_output, print_error, print_text
+from epcontact.cli.progress import show_progress
 from epcontact.cli.terminal import open_console, print_sentence
 from epcontact.errors import EpcontactError, OutputError
 from epcontact.files import require_links_inside
@@ -26,7 +27,6 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_case,
 )
-from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Progress, Run
@@ -37,21 +37,6 @@ from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.surfaces import HeightsFromFile, Mirrored
 
 
-@click.command()
-@click.argument("case")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    type=click.Choice(list(METHODS)),
-    help="Only this method; may be repeated. Default: all that the case names.",
-)
-@options.size
-@options.run_options("jobs", "output", "fresh", "precision")
-@options.fields
-@click.option(
-    "--charts", is_flag=True, help="Draw charts, which take as long as a large solve."
-)
 def run(
     case: str,
     methods: tuple[str, ...],
@@ -60,7 +45,10 @@ def run(
     fields: str | None,
     charts: bool,
 ) -> None:
-    """Solve one case and write its results and fields; no gate is judged."""
+    """Solve one case and write its results and fields; no gate is judged.
+
+    The arguments are those of `commands.run`.
+    """
     loaded = _load(find_case(case), size)
     for method in methods:
         if method not in loaded.methods:
@@ -72,7 +60,7 @@ def run(
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
     settings = replace(settings, fields=_fields_of_run(fields or "first"), rows=True)
-    with options.show_progress("run") as progress:
+    with show_progress("run") as progress:
         solving = replace(settings, progress=progress)
         results = run_cases([chosen], solving)[loaded.id]
     console = open_console()
@@ -148,25 +136,6 @@ def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> li
     return [sentence for sentence in sentences if sentence]
 
 
-@click.command()
-@click.argument("cases", nargs=-1)
-@options.size
-@options.run_options("jobs", "output", "fresh", "executor", "precision")
-@click.option(
-    "--solver",
-    default="",
-    metavar="[NAME=]SOLVER",
-    help="Judge another solver by the gates instead of bem, in a process of its own: "
-    "MODULE:FUNCTION, which maps a Scene to a ContactResult; a method's name; or a "
-    "command in any language with the placeholders {scene} and {result}.",
-)
-@click.option(
-    "--report", "with_report", is_flag=True, help="Write charts and report.html too."
-)
-@click.option(
-    "--gates", "all_gates", is_flag=True, help="Print each gate of each case."
-)
-@options.fields
 def verify(
     cases: tuple[str, ...],
     size: str,
@@ -178,18 +147,7 @@ def verify(
 ) -> None:
     """Run the gates of the cases (all, where none is named) and write the verdict.
 
-    Prints whether all gates hold, the gates nearest to falling short, how well the
-    methods agree, what is not covered, and the cases by what they verify.  The margin
-    of a gate is its band over the difference with its interval; 1 or more holds.  Of a
-    case that does not hold, every gate follows.
-
-    Writes verdict.json and junit.xml into the output folder, after those of an earlier
-    run are deleted.
-
-    \b
-    A command reads the scene from one text file and writes its result to the other:
-      --solver 'mine=./my_solver {scene} {result}'
-    `python -m pydoc epcontact.harness.methods.foreign` describes them line by line.
+    The arguments are those of `commands.verify`.
     """
     output = settings.folder
     given: Sequence[str | Case] = cases
@@ -214,7 +172,7 @@ def verify(
         if case.status not in ("holds", "skipped"):
             not_holding.append(case.id)
 
-    with options.show_progress("verify") as show:
+    with show_progress("verify") as show:
 
         def progress(done: float, total: int, words: str) -> None:
             """Show the progress, and how many cases do not hold; see `Run.progress`."""

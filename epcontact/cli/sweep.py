@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
-import click
 import pandas as pd
 
 from epcontact.cli.main import print_text
-from epcontact.cli.options import case_size, run_options, show_progress
+from epcontact.cli.progress import show_progress
 from epcontact.cli.tables import MEANING_OF_ERRORS, loads_table
 from epcontact.cli.terminal import open_console, print_sentence
 from epcontact.errors import EpcontactError
@@ -23,36 +22,12 @@ _ROWS = 40
 _REASONS = 5
 
 
-@click.command()
-@click.argument("case")
-@case_size
-@run_options("jobs", "output", "fresh", "executor", "precision")
-@click.option(
-    "--fields",
-    type=click.Choice(["first", "all", "steps", "none"]),
-    default="none",
-    show_default=True,
-    help="Write the fields (.vti) of the first surface of each point, of all, or at "
-    "every load.",
-)
-@click.option(
-    "--among",
-    default="",
-    metavar="WORDS",
-    help="Write them where a point contains this, as the table shows it: 'hardness "
-    "3e+09'.",
-)
-@click.option(
-    "--charts", is_flag=True, help="Draw the loads of the points, and each field."
-)
 def sweep(
     case: str, size: str, settings: Run, fields: str, among: str, charts: bool
 ) -> None:
     """Solve CASE at every point of its table [sweep], here or on a cluster.
 
-    The results are saved in a folder as soon as they are solved: stop the command at
-    any moment, and start it again to go on. `epcontact.harness.sweep.table(FOLDER)`
-    reads them as a pandas table.
+    The arguments are those of `commands.sweep`.
     """
     with show_progress("sweep") as progress:
         run = replace(settings, fields=fields, progress=progress)
