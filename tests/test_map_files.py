@@ -156,6 +156,7 @@ def test_points_that_a_profile_leaves_out_are_missing(tmp_path):
     ("columns", "message"),
     [
         ([Z, X], "its two columns are no profile"),
+        ([1e307 * (2 * X - 1), Z], "its two columns are no profile"),
         ([X, Z, Z + 1], "leave one column of heights"),
         ([X, Z, X, Z + 1], "its 4 columns are neither x, y and height"),
     ],

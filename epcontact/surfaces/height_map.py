@@ -119,7 +119,7 @@ def grid_indices(values: FloatArray) -> tuple[NDArray[np.intp], float]:
         0 if the coordinates are on no grid of even spacing.
     """
     span = float(np.ptp(values))
-    if span == 0:
+    if span == 0 or not np.isfinite(span):
         return np.zeros(values.size, np.intp), 0.0
     gaps = np.diff(np.unique(values))
     usual_gap = float(np.median(gaps[gaps > _OFF_GRID * gaps.max()]))

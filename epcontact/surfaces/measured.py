@@ -431,7 +431,8 @@ class HeightsFromFile(Preparation):
     def _with_checked_slope(self, surface: Surface) -> Surface:
         """Return the surface, unless its rms slope suggests a wrong unit.
 
-        A slope that is accepted by `accept` adds a note.
+        A slope that is accepted by `accept`, or that a result (.vti) has, whose unit is
+        certain, adds a note.
 
         Raises InvalidScene if the slope is above STEEPEST or below FLATTEST, but not 0;
         the message names outliers and marks of missing heights, which may be the reason
@@ -443,7 +444,8 @@ class HeightsFromFile(Preparation):
         bound = "beyond that of any surface"
         if slope < FLATTEST:
             bound = "below that of any but optical flats"
-        if "slope" in self.accept:
+        is_result = Path(self.path).suffix == ".vti"
+        if "slope" in self.accept or is_result:
             note = f"the rms slope is {slope:.3g}, {bound}, and was accepted"
             return replace(surface, notes=(*surface.notes, *warn_user((note,))))
         message = (

@@ -23,6 +23,8 @@ _UNEVEN = 0.01
 _ROUNDED = 0.75
 #: Steps of the even grid in a gap of x from which on the heights within are missing.
 _GAP = 5.0
+#: Coordinates from here on are none: differences and squares of them overflow.
+_LARGEST = 1e100
 #: Most digits behind the decimal point that a file is expected to write.
 _DIGITS = 15
 
@@ -65,7 +67,7 @@ def is_coordinate(values: FloatArray) -> bool:
     Args:
         values: a column of a table, (n,), in any unit.
     """
-    if values.size < FEWEST or not np.isfinite(values).all():
+    if values.size < FEWEST or not np.abs(values).max() < _LARGEST:
         return False
     steps = np.diff(values)
     forward = np.count_nonzero(steps >= 0)

@@ -37,8 +37,7 @@ _GAP = r"[\s:=：;,]+"
 _X_LENGTH = (
     r"(?:x[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
     r"|width|breite|largeur|anchura|larghezza"
-    r"|(?:scan|profile|trace|evaluation|traverse|measuring)[-_ ]?"
-    r"(?:length|len|range|width))"
+    r"|(?:scan|profile)[-_ ]?(?:length|len|range|width))"
 )
 #: Words for one length of a square map, or for both lengths.
 _BOTH_LENGTHS = r"(?:scan|image|map|field)[-_ ]?size"
