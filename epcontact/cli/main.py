@@ -63,10 +63,17 @@ class _Commands(click.Group):
             formatter.write_dl(rows)
 
 
+#: Help is as wide as the terminal, but has at most so many columns.
+_WIDEST_HELP = 120
+
+
 @click.command(
     cls=_Commands,
     commands=[getattr(commands, name) for name in COMMANDS],
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": _WIDEST_HELP,
+    },
 )
 @click.version_option(package_name="epcontact")
 def cli() -> None:
