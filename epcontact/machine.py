@@ -65,6 +65,29 @@ def available_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
+def processor_seconds() -> float:
+    """Return the processor time in seconds of all threads of this process and of its
+    children that have ended.
+    """
+    ended = os.times()
+    return time.process_time() + ended.children_user + ended.children_system
+
+
+def children_seconds(since: float) -> float:
+    """Return the processor time in seconds of the children of this process that run.
+
+    Children of children count, too.  since: time in s, as `time.time` has it; children
+    that began before it are left out.
+    """
+    seconds = 0.0
+    for child in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            if child.create_time() >= since:
+                of_child = child.cpu_times()
+                seconds += of_child.user + of_child.system
+    return seconds
+
+
 def forget_peak() -> None:
     """Reset the peak that `peak_memory` returns to the present memory of this process.
 

@@ -158,7 +158,7 @@ def test_a_result_rests_on_sources_and_versions(write_case, tmp_path, monkeypatc
             {"instead": lambda *_: 42},
             "the executor returned 42, not what the task returns",
         ),
-        (ThreadPoolExecutor, "time limit of 1e-06 s"),  # a process keeps it
+        (ThreadPoolExecutor, "time_limit in [case], 1e-06 s of"),  # a process keeps it
         ({}, "in the place of 1.0; install the same there"),
     ],
 )

@@ -20,9 +20,10 @@ import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.solving import load_path, run, saved
 from epcontact.harness.solving.method_results import MethodResults, load_rows
 from epcontact.harness.solving.run import run_cases
-from epcontact.harness.solving.tasks import Run
+from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.interface import find_patches, interface_stiffness, percolation_fraction
 from epcontact.output.loads import connection_sentences, load_cells
@@ -226,6 +227,83 @@ def test_the_load_at_which_the_gap_closes_is_between_its_neighbours():
     assert "yes on 1, no on 1 of 2 surfaces at 4 MPa" in sentence.replace(
         "no on 1, yes on 1", "yes on 1, no on 1"
     )
+
+
+LONG_PATH = (
+    PATH[0],
+    "mean_pressure = [2.0e8, 5.0e8, 5.1e8, 1.0e8, 3.0e8, 6.0e8, 2.0e8]",
+)
+
+
+def stop_at_once(*_):
+    """Raise TimeUp, as the alarm of a time limit does."""
+    raise run.TimeUp("stopped")
+
+
+@pytest.mark.parametrize("stopped_after", [1, 3, 4, 6])
+def test_a_path_goes_on_from_the_loads_that_are_done(
+    stopped_after, write_case, tmp_path, monkeypatch
+):
+    """A run that its time limit stops after some loads says how many are kept; the next
+    run solves the others alone, and ends with the values and the files of a run that
+    was not stopped.
+
+    The loads that are done are not used by a run that measures something else. A run
+    in which no load ends says that the limit is too short. `stopped_after` is the
+    number of loads before the first stop.
+    """
+    case = load_case(write_case(BEM, AREA, LONG_PATH, ("[3, 5, 7]", "[3]")))
+    settings = Run(tmp_path / "stopped", jobs=1, fields="steps", rows=True)
+    expected = run_cases([case], replace(settings, output=tmp_path / "expected"))
+    (expected,) = expected["small"]["bem"].results
+    monkeypatch.setattr(load_path, "_SECONDS_BETWEEN_SAVES", 0)
+
+    def stop(task, result):
+        """Save the loads of a task, and raise TimeUp after those of the test."""
+        saved.save_loads(task, result)
+        if len(result.steps) == stopped_after:
+            raise run.TimeUp("stopped")
+
+    with monkeypatch.context() as stopping:
+        stopping.setattr(load_path, "save_loads", stop)
+        (error,) = run_cases([case], settings)["small"]["bem"].errors
+    assert f"stopped; {stopped_after} of 7 loads are done and kept" in error
+    assert f"goes on with load {stopped_after + 1}, also with a larger" in error
+    with monkeypatch.context() as stopping:
+        stopping.setattr(load_path, "measure_load", stop_at_once)
+        (error,) = run_cases([case], settings)["small"]["bem"].errors
+    assert f"load {stopped_after + 1} alone takes longer: raise time_limit" in error
+    solved = []
+    solve = bem.solve
+
+    def spy(scene, **options):
+        """Note the load path of a scene, and solve it."""
+        solved.append(scene.load.path)
+        return solve(scene, **options)
+
+    (task,) = tasks_of(case, settings)
+    assert saved.load_done(task) is not None
+    assert saved.load_done(replace(task, lists_loads=False)) is None
+    with monkeypatch.context() as spying:
+        spying.setattr(bem, "solve", spy)
+        (found,) = run_cases([case], settings)["small"]["bem"].results
+    assert solved == [case.load.path[stopped_after:]]
+    assert not task.loads_file.exists()
+    for step, expected_step in zip(found.steps, expected.steps, strict=True):
+        # Rims and patches change by a point within the tolerance of the solver.
+        assert step.row == pytest.approx(expected_step.row, rel=1e-4)
+        assert step.areas["raw"] == expected_step.areas["raw"]
+    assert found.cost.keys() == expected.cost.keys()
+    assert found.cost["fft_pairs"] == pytest.approx(expected.cost["fft_pairs"], rel=0.2)
+    names = [
+        {path.name for path in (tmp_path / folder).rglob("*")}
+        for folder in ("stopped", "expected")
+    ]
+    assert names[0] == names[1]
+    task.loads_file.write_bytes(b"damaged")
+    assert saved.load_done(task) is None
+    run_cases([case], replace(settings, fresh=True))
+    assert not task.loads_file.exists()
 
 
 def test_units_are_those_of_the_quantities():

@@ -14,6 +14,7 @@ from epcontact import machine
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.solving import run
+from epcontact.harness.solving.measure import MEASURING
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
@@ -147,6 +148,35 @@ def test_a_damaged_kernel_is_made_anew_and_no_number_of_threads_is_ignored(tmp_p
         assert "compiles kernels" in done.stderr
 
 
+def compute_for(seconds):
+    """Use the processor for some seconds of its time."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        sum(range(1000))
+
+
+def test_the_time_limit_counts_processor_time_of_solving(monkeypatch):
+    """Waiting does not count against a time limit of 0.3 s, nor does measuring; twenty
+    times the limit by the clock does. Two threads have twice the processor time, and
+    that of a child process counts.
+    """
+    program = "import time\nwhile time.process_time() < 20: pass"
+    with run._time_limit(0.3):
+        time.sleep(0.7)
+        with MEASURING:
+            compute_for(0.7)
+        compute_for(0.15)
+    with run._time_limit(0.3, threads=2):
+        compute_for(0.4)
+    with subprocess.Popen([sys.executable, "-c", program]) as child:
+        with pytest.raises(run.TimeUp), run._time_limit(0.3):
+            child.wait(15)
+        child.kill()
+    monkeypatch.setattr(run, "_PATIENCE", 1)
+    with pytest.raises(run.TimeUp), run._time_limit(0.3):
+        time.sleep(20)
+
+
 def test_time_limit_leaves_the_compilation_of_kernels_out():
     """The seconds that numba compiles do not count against the time limit of a solve,
     here 0.3 s.
@@ -156,8 +186,8 @@ def test_time_limit_leaves_the_compilation_of_kernels_out():
     with run._time_limit(0.3), event.trigger_event("numba:compiler_lock"):
         time.sleep(0.7)  # as long as two alarms and more
     assert (taken := machine.compile_seconds() - before) >= 0.7
-    with pytest.raises(run.TimeUp, match="time limit"), run._time_limit(0.3):
-        time.sleep(20)
+    with pytest.raises(run.TimeUp, match="time_limit"), run._time_limit(0.3):
+        compute_for(20)
     assert not issubclass(
         run.TimeUp, NotConverged
     )  # after which elements try smaller steps

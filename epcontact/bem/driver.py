@@ -121,8 +121,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     if threads is None:
         threads = available_cores()
     options = Options(tolerance, area_tolerance, threads, method, max_steps)
-    started = time.perf_counter()
-    compiled_before = compile_seconds()
+    started = time.perf_counter() - compile_seconds()
     forget_peak()
     require_memory(scene.surface, scene.load, scene.material)
     shape = scene.surface.shape
@@ -139,8 +138,11 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             "plastic_displacement", plastic_displacement, shape, expected, 0.0
         )
         flow = flow.reshape(symbol.shape)
-    path = _Path(scene, symbol, options, compliance is not None, progress, on_step)
-    steps, last, pairs = path.solve(start, flow)
+    given_compliance = compliance is not None
+    path = _Path(scene, symbol, options, given_compliance, progress, on_step, started)
+    result = path.solve(start, flow)
+    if not scene.surface.alternatives:
+        return result
 
     def solve_alternative(changed: Scene) -> Sequence[LoadStep]:
         """Solve the path on a surface with other heights, for an error estimate."""
@@ -155,18 +157,13 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             max_steps=max_steps,
         ).steps
 
-    steps = with_measurement_errors(scene, steps, solve_alternative)
-    compiling = compile_seconds() - compiled_before
-    cost = {
-        **pairs,
-        "seconds": time.perf_counter() - started - compiling,
-        "unknowns": float(scene.surface.heights.size),
-        "peak_memory_bytes": float(peak_memory()),
-    }
-    result = path.result(steps, last, cost)
-    if scene.surface.alternatives:
-        result = replace(result, notes=(*result.notes, *filled_notes(steps)))
-    return result
+    steps = with_measurement_errors(scene, result.steps, solve_alternative)
+    return replace(
+        result,
+        steps=steps,
+        cost={**result.cost, "seconds": path.seconds},
+        notes=(*result.notes, *filled_notes(steps)),
+    )
 
 
 def scene_symbol(scene: Scene) -> Symbol:
@@ -212,6 +209,8 @@ class _Path:
         given_compliance: whether the user gave the compliance.
         progress: the argument of `solve`.
         on_step: the argument of `solve`.
+        started: time in seconds at which the solve began, by a clock that stands still
+            while kernels are compiled.
     """
 
     scene: Scene
@@ -220,15 +219,18 @@ class _Path:
     given_compliance: bool
     progress: Callable[[float, str], None] | None
     on_step: Callable[[ContactResult], None] | None
+    started: float
 
-    def solve(
-        self, start: FloatArray | None, flow: FloatArray | None
-    ) -> tuple[tuple[LoadStep, ...], LoadedSurface, dict[str, float]]:
+    @property
+    def seconds(self) -> float:
+        """The time since the solve began, without that of compiling kernels, in s."""
+        return time.perf_counter() - compile_seconds() - self.started
+
+    def solve(self, start: FloatArray | None, flow: FloatArray | None) -> ContactResult:
         """Solve each load on the surface that the loads before it have left.
 
         start: (nx, ny) pressure in Pa to start from; flow: (nx, ny) plastic
-        displacement in m before the first load.  Returns the load steps, the surface
-        under the last load, and the pairs of transforms of all loads.
+        displacement in m before the first load.  Returns the result of all loads.
         """
         path = self.scene.load.path
         original = self.scene.surface.heights.reshape(self.symbol.shape)
@@ -248,9 +250,9 @@ class _Path:
             for name in pairs:
                 pairs[name] += surface.solution.counts[name]
             if self.on_step is not None:
-                self.on_step(self.result(tuple(steps), surface, dict(pairs)))
+                self.on_step(self.result(tuple(steps), surface, pairs))
             if len(steps) == len(path):
-                return tuple(steps), surface, pairs
+                return self.result(tuple(steps), surface, pairs)
             following = path[len(steps)]
             if following < load and surface.flow_after is not None:
                 flow = surface.flow_after
@@ -294,13 +296,19 @@ class _Path:
         return report
 
     def result(
-        self, steps: tuple[LoadStep, ...], last: LoadedSurface, cost: dict[str, float]
+        self, steps: tuple[LoadStep, ...], last: LoadedSurface, pairs: dict[str, float]
     ) -> ContactResult:
         """Return the result after some load steps, with the fields of the last one.
 
         steps: of the loads that are solved; last: the surface under the last of these
-        loads; cost: seconds and counts by name.
+        loads; pairs: numbers of pairs of transforms so far.
         """
+        cost = {
+            **pairs,
+            "seconds": self.seconds,
+            "unknowns": float(self.scene.surface.heights.size),
+            "peak_memory_bytes": float(peak_memory()),
+        }
         surface = self.scene.surface
         solution = last.solution
         hardness = self.scene.material.hardness

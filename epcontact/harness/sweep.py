@@ -41,7 +41,7 @@ from epcontact.results import ContactResult
 
 _LIST, _FORMAT = "sweep.json", "epcontact-sweep-1"
 #: Columns that another run of the same sweep does not repeat.
-COSTS = ("cost.seconds", "cost.peak_memory_bytes")
+COSTS = ("cost.seconds", "cost.measuring_seconds", "cost.peak_memory_bytes")
 
 
 class Sweep(NamedTuple):
@@ -178,6 +178,9 @@ def _tasks_at(
         if among in at_point.description and task.steps_folder:
             steps_folder = at_point.steps_path(run.folder)
             at_point = replace(at_point, steps_folder=steps_folder)
+        if task.loads_file:
+            loads_file = at_point.loads_path(run.folder)
+            at_point = replace(at_point, loads_file=loads_file)
         yield at_point
 
 

@@ -86,7 +86,9 @@ class CaseTable(Table):
     methods: Annotated[list[MethodName], AfterValidator(_each_once)] = key(
         "the methods that answer the scene", min_length=1
     )
-    time_limit: float = key("seconds after which one solve is given up", 900.0, gt=0)
+    time_limit: float = key(
+        "s; processor time of each thread after which a solve is stopped", 900.0, gt=0
+    )
     verify: bool = key("whether a bare `epcontact verify` includes the case", True)
 
 

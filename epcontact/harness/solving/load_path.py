@@ -11,7 +11,8 @@ from __future__ import annotations
 import itertools
 import math
 import shutil
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,17 +33,21 @@ from epcontact.harness.solving.measure import (
     at_each_load,
     measure_load,
 )
+from epcontact.harness.solving.saved import DoneLoads, load_done, save_loads
 from epcontact.harness.solving.scene_description import describe_scene
 from epcontact.harness.solving.tasks import Task
 from epcontact.materials.hardness_map import MappedHardness
 from epcontact.output.vtk import write_fields
-from epcontact.results import Areas, ContactResult, LoadStep
+from epcontact.results import Areas, ContactResult, FloatArray, LoadStep
 from epcontact.scene import Load, Scene
 
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
 #: Methods that solve the alternatives of a measured surface themselves.
 _FAST_METHODS = ("bem", "persson")
+
+#: Loads that take less time are saved together.
+_SECONDS_BETWEEN_SAVES = 1.0
 
 #: Called now and then with the fraction of the load path that is solved, and a
 #: sentence.
@@ -54,6 +59,9 @@ def solve_path(
 ) -> ContactResult:
     """Solve the load path of a task; measure and write at each load what it asks for.
 
+    Each load is saved when it is done, and the loads that an earlier run has saved are
+    not solved again, except for the last one of the path, whose fields are needed.
+
     Args:
         task: the method, its options, and what is measured and written.
         scene: the scene of the task.
@@ -63,7 +71,9 @@ def solve_path(
     Raises:
         InvalidCase, NotConverged, NotEnoughMemory, InvalidScene: from the method.
     """
-    if task.steps_folder is not None:  # a longer path may have been written there
+    done = load_done(task)
+    if task.steps_folder is not None and done is None:
+        # A longer path may have been written there.
         shutil.rmtree(task.steps_folder, ignore_errors=True)
     flows = task.case.options[task.method.name].get("law") == "j2"
     mapped = () if flows else task.case.mapped
@@ -73,7 +83,7 @@ def solve_path(
     measured_scene = scene
     scene = without_alternatives(scene)  # a method would solve them itself
     result = _solve_with_hardnesses(
-        task, scene, hardnesses, threads, on_progress=on_progress
+        task, scene, hardnesses, threads, on_progress=on_progress, done=done
     )
     steps = list(result.steps)
     if measured_scene.surface.alternatives:
@@ -87,6 +97,11 @@ def solve_path(
     steps = [_with_conductances(step, task.case.conductances) for step in steps]
     notes = (*result.notes, *filled_notes(steps))
     return replace(result, steps=tuple(steps), notes=notes)
+
+
+def _without_files(task: Task) -> Task:
+    """Return a task that writes no files: that of a solve for an error estimate."""
+    return replace(task, steps_folder=None, fields_file=None, loads_file=None)
 
 
 def _with_hardness(step: LoadStep, hardness: float) -> LoadStep:
@@ -142,7 +157,7 @@ def _with_measurement_errors(
     Raises:
         NotConverged: if a solve with an alternative does not converge.
     """
-    solving = replace(task, steps_folder=None)
+    solving = _without_files(task)
 
     def solve(changed: Scene) -> tuple[LoadStep, ...]:
         """Solve the path on a surface, accurately enough for an error estimate."""
@@ -189,7 +204,7 @@ def _with_hardness_errors(
         for of_load, peak in zip(mapped, peaks, strict=True)
     ]
     highest = [of_load.interval[1] for of_load in mapped]
-    without_files = replace(task, steps_folder=None, fields_file=None)
+    without_files = _without_files(task)
     soft, hard = (
         _solve_with_hardnesses(without_files, scene, bound, threads, for_error=True)
         for bound in (lowest, highest)
@@ -250,6 +265,7 @@ def _solve_with_hardnesses(
     threads: int,
     *,
     on_progress: OnProgress | None = None,
+    done: DoneLoads | None = None,
     for_error: bool = False,
 ) -> ContactResult:
     """Solve a path on which each load has its hardness.
@@ -262,6 +278,7 @@ def _solve_with_hardnesses(
         hardnesses: the hardness of each load, in Pa.
         threads: the number of threads that the method may use.
         on_progress: see `OnProgress`.
+        done: the first loads of the path that an earlier run has solved.
         for_error: whether the result is used for an error estimate alone, so that a
             coarse solution is enough.
 
@@ -271,7 +288,13 @@ def _solve_with_hardnesses(
     """
     path = scene.load.path
     steps: list[LoadStep] = []
-    costs = []
+    costs: list[Mapping[str, float]] = []
+    saved_steps: tuple[LoadStep, ...] = ()
+    flow = None
+    if done is not None:
+        saved_steps = done.result.steps
+        costs.append(done.result.cost)
+        flow = done.flow
     pairs = zip(hardnesses, path, strict=True)
     for hardness, group in itertools.groupby(pairs, key=lambda pair: pair[0]):
         loads = tuple(load for _, load in group)
@@ -283,11 +306,15 @@ def _solve_with_hardnesses(
                 "follows a path with one; give one load, a hardness in Pa, or a sweep "
                 "over load.mean_pressure"
             )
+        saved = saved_steps[len(steps) : len(steps) + len(loads)]
+        if len(saved) == len(loads):  # not of the last part: its last load is not saved
+            steps += saved
+            continue
         result = _solve_part(
             task,
             part_of_path,
             threads,
-            earlier=tuple(steps),
+            _Before(tuple(steps), saved, tuple(costs), flow if saved else None),
             on_progress=_within(on_progress, len(steps), len(loads), len(path)),
             for_error=for_error,
         )
@@ -320,11 +347,28 @@ def _within(
     return report
 
 
+@dataclass(frozen=True)
+class _Before:
+    """What was solved of a path before one of its parts, or of this part itself.
+
+    Attributes:
+        steps: the load steps before the part.
+        saved: the first load steps of the part, which an earlier run has solved.
+        costs: the costs of all these loads, by name, of each solve.
+        flow: the plastic displacement in m after the saved steps; None: no need for it.
+    """
+
+    steps: tuple[LoadStep, ...]
+    saved: tuple[LoadStep, ...]
+    costs: tuple[Mapping[str, float], ...]
+    flow: FloatArray | None
+
+
 def _solve_part(
     task: Task,
     scene: Scene,
     threads: int,
-    earlier: tuple[LoadStep, ...],
+    before: _Before,
     on_progress: OnProgress | None,
     for_error: bool,
 ) -> ContactResult:
@@ -334,7 +378,7 @@ def _solve_part(
         task: the method, its options, and what is measured and written.
         scene: the scene with these loads alone, and their hardness.
         threads: the number of threads that the method may use.
-        earlier: the load steps of the path before these loads.
+        before: what was solved of the path before.
         on_progress: called with the solved fraction of these loads.
         for_error: see `_solve_with_hardnesses`.
 
@@ -351,9 +395,14 @@ def _solve_part(
         options["progress"] = on_progress
     if method.source:
         options["limit"] = task.case.head.time_limit
-    observer = _LoadObserver(task, scene, threads, earlier)
+    if before.flow is not None:
+        options["plastic_displacement"] = before.flow
+    observer = _LoadObserver(task, scene, threads, before)
     on_load = observer if observer.is_needed else None
-    result = method.solve(scene, options, threads, on_load)
+    unsolved = scene.load.path[len(before.saved) :]
+    result = method.solve(
+        replace(scene, load=Load(unsolved)), options, threads, on_load
+    )
     if not result.converged:
         raise NotConverged("the result says that it has not converged")
     return replace(result, steps=observer.add_to(result.steps))
@@ -361,52 +410,75 @@ def _solve_part(
 
 @dataclass
 class _LoadObserver:
-    """Measures and writes what a task asks for at each load of a solve.
+    """Measures, writes and saves what a task asks for at each load of a solve.
 
     Attributes:
         task: says what is measured and written.
-        scene: the scene that is solved, with the loads of this solve.
+        scene: the scene that is solved, with the loads of this part of the path.
         threads: the number of threads that a measurement may use.
-        earlier: the load steps of the path before this solve.
+        before: what was solved of the path before.
         steps: the steps with what was measured, one for each call.
+        saved_at: `time.monotonic` when the loads were last saved.
     """
 
     task: Task
     scene: Scene
     threads: int
-    earlier: tuple[LoadStep, ...]
+    before: _Before
     steps: list[LoadStep] = field(default_factory=list)
+    saved_at: float = field(default_factory=time.monotonic)
 
     @property
     def is_needed(self) -> bool:
         """Whether anything is measured or written at a load."""
         measured = any(at_each_load(self.task, self.scene))
-        files = (self.task.steps_folder, self.task.peak_file)
-        return measured or files != (None, None)
+        task = self.task
+        files = (task.steps_folder, task.peak_file, task.loads_file)
+        return measured or any(file is not None for file in files)
 
     def __call__(self, result: ContactResult) -> None:
-        """Measure and write at the last load of a result.
+        """Measure, write and save the last load of a result.
 
         Appends the load step with the measured quantities to `self.steps`.
 
         Args:
-            result: the result so far, with the fields of its last load.
+            result: the result of this solve so far, with the fields of its last load.
 
         Raises:
             InvalidCase: if a quantity that must be defined is not.
             OutputError: if a file cannot be written.
         """
+        result = replace(result, steps=(*self.before.saved, *result.steps))
         loads = self.scene.load.path[: len(result.steps)]
         scene = replace(self.scene, load=Load(loads))
         step = measure_load(self.task, scene, result, self.threads)
         self.steps.append(step)
-        result = replace(result, steps=(*self.earlier, *result.steps[:-1], step))
+        result = replace(result, steps=(*self.before.steps, *result.steps[:-1], step))
         if self.task.steps_folder and self.task.method.load_files == "fields":
             self._write(scene, result, self.task.steps_folder)
         path = self.task.case.load.path
         if self.task.peak_file and len(result.steps) - 1 == path.index(max(path)):
             result = with_description(self.task, scene, result)
             write_result_fields(self.task, scene, result, self.task.peak_file)
+        is_due = time.monotonic() - self.saved_at >= _SECONDS_BETWEEN_SAVES
+        if is_due and len(result.steps) < len(path):
+            self._save(result)
+
+    def _save(self, result: ContactResult) -> None:
+        """Save all loads of the path that are done.
+
+        `result` is that of these loads, with the fields of the last one.
+        """
+        before = self.before
+        save_loads(
+            self.task,
+            replace(
+                result,
+                steps=(*before.steps, *before.saved, *self.steps),
+                cost=total_cost([*before.costs, result.cost]),
+            ),
+        )
+        self.saved_at = time.monotonic()
 
     def _write(self, scene: Scene, result: ContactResult, folder: Path) -> None:
         """Write the fields of a load to a .vti file, and the list path.pvd of all
@@ -432,15 +504,16 @@ class _LoadObserver:
     def add_to(self, steps: Sequence[LoadStep]) -> tuple[LoadStep, ...]:
         """Return the load steps of a method's result with what this observer measured.
 
-        A quantity that the method itself reports is not replaced.  The observer may
-        have seen only the last loads, because some methods have fields only there.
+        The steps that an earlier run has saved come first.  A quantity that the method
+        itself reports is not replaced.  The observer may have seen only the last loads,
+        because some methods have fields only there.
         """
         unobserved = len(steps) - len(self.steps)
         observed = [
             replace(step, quantities={**measured.quantities, **step.quantities})
             for step, measured in zip(steps[unobserved:], self.steps, strict=True)
         ]
-        return (*steps[:unobserved], *observed)
+        return (*self.before.saved, *steps[:unobserved], *observed)
 
 
 # --- files

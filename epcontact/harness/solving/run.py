@@ -18,6 +18,7 @@ import os
 import platform
 import signal
 import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -44,9 +45,15 @@ from epcontact.harness.solving.load_path import (
     with_description,
     write_result_fields,
 )
-from epcontact.harness.solving.measure import measure_end
+from epcontact.harness.solving.measure import MEASURING, measure_end
 from epcontact.harness.solving.method_results import MethodResults, summary
-from epcontact.harness.solving.saved import load_saved, save_result, software_versions
+from epcontact.harness.solving.saved import (
+    delete_loads,
+    load_done,
+    load_saved,
+    save_result,
+    software_versions,
+)
 from epcontact.harness.solving.tasks import Run, Task, tasks_of
 from epcontact.harness.workers import (
     WorkerPool,
@@ -54,14 +61,22 @@ from epcontact.harness.workers import (
     executor_from,
     spread,
 )
-from epcontact.machine import available_cores, compile_seconds, compiling
+from epcontact.machine import (
+    available_cores,
+    children_seconds,
+    compile_seconds,
+    compiling,
+    processor_seconds,
+)
 from epcontact.results import ContactResult
 
 #: The result of a task, or the sentence that says why there is none.
 Outcome = ContactResult | str
 
-#: Seconds after which an alarm comes again that came while a kernel was compiled.
+#: Shortest time in seconds after which an alarm comes again.
 _LATER = 0.05
+#: Times as long as the limit of processor time by the clock until a solve is stopped.
+_PATIENCE = 20
 
 
 class TimeUp(EpcontactError):
@@ -276,6 +291,14 @@ def _finish_tasks(
         """Report the progress inside of a task, of which this fraction is solved."""
         run.progress(done + fraction, len(tasks), "")
 
+    if run.fresh:
+        for task in unsolved:
+            delete_loads(task)
+    for folder in _folders(unsolved, run):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error("write", folder, error) from None
     if executor is not None:
         solving = _solve_by_executor(executor, run, unsolved)
     else:
@@ -328,42 +351,92 @@ def solve_task(
         The result without its fields; or, after any error, the sentence that says what
         went wrong, so that other tasks are still solved and judged.
     """
+    measuring_before = MEASURING.seconds
+    loads_before = _count_done(task)
     try:
-        with _time_limit(task.case.head.time_limit):
+        with _time_limit(task.case.head.time_limit, threads):
             scene = task.case.scene(task.recipe)
             result = solve_path(task, scene, threads, on_progress)
         result = with_description(task, scene, result)
         result = measure_end(task, scene, result, threads)
         if task.fields_file is not None and result.fields:
             write_result_fields(task, scene, result, task.fields_file)
+        if task.method.has_fields:
+            seconds = MEASURING.seconds - measuring_before
+            cost = {**result.cost, "measuring_seconds": seconds}
+            result = replace(result, cost=cost)
         return replace(result, fields={})
+    except TimeUp as error:
+        return f"{sentence_of(error)}; {_how_to_go_on(task, loads_before)}"
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
         return sentence_of(error)
 
 
-@contextlib.contextmanager
-def _time_limit(seconds: float) -> Iterator[None]:
-    """Raise TimeUp in the `with` block after a number of seconds.
+def _count_done(task: Task) -> int:
+    """Return the number of loads of a task that are done and saved."""
+    done = load_done(task)
+    return 0 if done is None else len(done.result.steps)
 
-    The time in which kernels are compiled does not count.  The limit uses the alarm of
-    the system, so that there is no limit on Windows, and none outside the main thread.
+
+def _how_to_go_on(task: Task, loads_before: int) -> str:
+    """Return what is done of a task that its time limit has stopped, and how a user
+    goes on, as the end of a sentence.
+
+    `loads_before` is the number of loads that were done when this run began.
+    """
+    count = _count_done(task)
+    total = len(task.case.load.path)
+    if count == 0:
+        return "none of its loads is done: raise time_limit, or take a smaller grid"
+    kept = f"{count} of {total} loads are done and kept"
+    if count == loads_before:
+        return f"{kept}, and load {count + 1} alone takes longer: raise time_limit"
+    return (
+        f"{kept}: the same command goes on with load {count + 1}, also with a larger "
+        "time_limit"
+    )
+
+
+@contextlib.contextmanager
+def _time_limit(seconds: float, threads: int = 1) -> Iterator[None]:
+    """Raise TimeUp in the `with` block after a processor time.
+
+    The time of child processes counts.  The time in which kernels are compiled and the
+    time of measuring do not.  A block that takes _PATIENCE times as long by the clock
+    is stopped, too, because it may wait for something that does not come.  The limit
+    uses the alarm of the system, so that there is no limit on Windows, and none outside
+    the main thread.
+
+    Args:
+        seconds: processor time of each thread in s.
+        threads: the number of threads that share the work.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()
     if not in_main_thread or not hasattr(signal, "SIGALRM"):
         yield
         return
-    compiled = compile_seconds()
+    limit = seconds * threads
+
+    def solving_seconds() -> float:
+        """Return the processor time of this process without compiling and measuring."""
+        others = compile_seconds() + MEASURING.processor_seconds
+        return processor_seconds() - others
+
+    started = solving_seconds()
+    started_by_clock = time.time()
 
     def on_alarm(*_: object) -> None:
-        """Raise TimeUp, or set the alarm again to make up for time of compiling."""
-        nonlocal compiled
-        spent_on_compiling = compile_seconds() - compiled
-        if spent_on_compiling > 0 or compiling():
-            compiled += spent_on_compiling
-            signal.setitimer(signal.ITIMER_REAL, max(spent_on_compiling, _LATER))
-            return
-        raise TimeUp(f"not finished within the case's time limit of {seconds:g} s")
+        """Raise TimeUp, or set the alarm again if processor time is left."""
+        spent = solving_seconds() - started + children_seconds(started_by_clock)
+        left = limit - spent
+        waited = time.time() - started_by_clock
+        is_over = left <= 0 or waited > _PATIENCE * limit
+        if is_over and not compiling() and not MEASURING.running:
+            raise TimeUp(
+                f"stopped at its time_limit in [case], {seconds:g} s of processor time"
+            )
+        signal.setitimer(signal.ITIMER_REAL, min(max(left / threads, _LATER), 1e8))
 
     previous = signal.signal(signal.SIGALRM, on_alarm)
     signal.setitimer(signal.ITIMER_REAL, min(seconds, 1e8))
@@ -393,7 +466,6 @@ def _solve_by_executor(
 
     Raises:
         InvalidCase: if `worker_memory` is no number.
-        OutputError: if the folder of a case cannot be created.
         EpcontactError: if the executor takes no task or does not end.
     """
     memory = getattr(executor, "worker_memory", math.inf)
@@ -409,11 +481,6 @@ def _solve_by_executor(
             too_large[task] = task.memory
         else:
             sent[_with_absolute_paths(task)] = task
-    for folder in _folders(tasks, run):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise output_error("write", folder, error) from None
     solve: Callable[[Task], Any] = partial(
         solve_on_worker, versions=software_versions(), jobs=run.jobs_for(tasks)
     )
@@ -437,6 +504,8 @@ def _with_absolute_paths(task: Task) -> Task:
         task = replace(task, fields_file=task.fields_file.absolute())
     if task.steps_folder is not None:
         task = replace(task, steps_folder=task.steps_folder.absolute())
+    if task.loads_file is not None:
+        task = replace(task, loads_file=task.loads_file.absolute())
     return task
 
 

@@ -5,6 +5,10 @@
 content, and the hash of the fields written with it.  A task of the same key is not run
 again if the content has that digest and the fields it asks for have that hash.  A
 solver from outside the package always runs, because its sources are not known here.
+
+While a load path is solved by boundary elements, `<method>-<surface>.loads.npz` holds
+the loads that are done, and the plastic displacement from which the next one starts.  A
+run that was stopped goes on from there; the file is deleted when the result is saved.
 """
 
 from __future__ import annotations
@@ -15,13 +19,16 @@ import hashlib
 import json
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic_core import to_json
 
-from epcontact.files import write_json
+from epcontact.errors import OutputError
+from epcontact.files import atomic_write, write_json
 from epcontact.harness.solving.tasks import Task, peak_path
-from epcontact.results import ContactResult, package_versions
+from epcontact.results import ContactResult, FloatArray, package_versions
+from epcontact.scene import Load
 
 #: Rooms of the package that show results or ask for them.  An edit there keeps saved
 #: results valid, unless it is in one of `_SOLVING`, which changes numbers.
@@ -126,6 +133,91 @@ def save_result(task: Task, output: Path, result: ContactResult) -> None:
     content = about | result.to_json()
     digest = {"digest": _content_digest(content)}
     write_json(task.result_path(output), digest | content)
+    delete_loads(task)
+
+
+# --- the loads of a path that is not solved to its end
+
+
+class DoneLoads(NamedTuple):
+    """The loads of a path that an earlier run has solved.
+
+    Attributes:
+        result: its load steps, with all that is measured at each load, and its cost.
+        flow: plastic displacement in m on the grid, from which the next load starts;
+            None: the path has not fallen.
+    """
+
+    result: ContactResult
+    flow: FloatArray | None
+
+
+def save_loads(task: Task, result: ContactResult) -> None:
+    """Write the loads of a task that are done to its file, whole or not at all.
+
+    Nothing is written if the folder of the case does not exist, such as on a worker
+    that does not see it, or if the file cannot be written: then the loads are solved
+    again after an interruption.
+
+    Args:
+        task: has a `loads_file`.
+        result: the result of the loads that are done, with the fields of the last one.
+    """
+    file_path = task.loads_file
+    if file_path is None or not file_path.parents[1].is_dir():
+        return
+    path = task.case.load.path[: len(result.steps) + 1]
+    content = {"about": _about_loads(task), "result": result.to_json()}
+    arrays: dict[str, Any] = {"content": np.frombuffer(to_json(content), np.uint8)}
+    if not Load(path).non_decreasing and "plastic_displacement" in result.fields:
+        arrays["flow"] = result.fields["plastic_displacement"]
+    with (
+        contextlib.suppress(OutputError),
+        atomic_write(file_path) as temporary,
+        temporary.open("wb") as file,
+    ):
+        np.savez(file, **arrays)
+
+
+def load_done(task: Task) -> DoneLoads | None:
+    """Return the loads of a task that an earlier run has saved.
+
+    Returns None if there are none, if they are damaged, or if their run had another
+    scene, other software or other things to measure and to write.
+    """
+    if task.loads_file is None or not task.loads_file.is_file():
+        return None
+    try:
+        with np.load(task.loads_file) as arrays:
+            content = json.loads(arrays["content"].tobytes())
+            flow = arrays.get("flow")
+        if content["about"] != _about_loads(task):
+            return None
+        return DoneLoads(ContactResult.from_json(content["result"]), flow)
+    except Exception:  # reading a damaged archive may raise anything
+        return None
+
+
+def delete_loads(task: Task) -> None:
+    """Delete the file with the loads of a task that are done, if there is one."""
+    if task.loads_file is not None:
+        with contextlib.suppress(OSError):
+            task.loads_file.unlink()
+
+
+def _about_loads(task: Task) -> dict[str, Any]:
+    """Return what the saved loads of a task depend on, in JSON types."""
+    return {
+        "key": key_of(task),
+        "measured": list(task.measured),
+        "rows": task.lists_loads,
+        "peak": task.peak_file is not None,
+        "steps": task.steps_folder is not None,
+        "precision": task.precision,
+    }
+
+
+# --- results
 
 
 def load_saved(task: Task, output: Path) -> ContactResult | None:

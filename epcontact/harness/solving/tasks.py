@@ -119,6 +119,8 @@ class Task:
         label: name of the surface in files, such as "seed3"; "single" without seeds.
         fields_file: file for the fields (.vti); None: they are not written.
         steps_folder: folder for the files of every load; None: they are not written.
+        loads_file: file for the loads of the path that are done, see `saved`; None:
+            they are not saved.
         extra_quantities: quantities that are measured beside those that gates read.
         description: what a reader calls the surface; empty: the label.
         precision: least precision of the numbers in the files of fields.
@@ -132,6 +134,7 @@ class Task:
     label: str
     fields_file: Path | None = None
     steps_folder: Path | None = None
+    loads_file: Path | None = None
     extra_quantities: tuple[str, ...] = ()
     description: str = ""
     precision: Precision = "single"
@@ -209,6 +212,12 @@ class Task:
         fields = self.fields_path(output)
         return fields.with_name(f"{fields.stem}-steps")
 
+    def loads_path(self, output: Path) -> Path:
+        """Return the path of the file for the loads of this task that are done, below
+        the output folder, whether it is written or not.
+        """
+        return self.result_path(output).with_suffix(".loads.npz")
+
     def result_path(self, output: Path) -> Path:
         """Return the path of the JSON file for the result of this task, below the
         output folder.
@@ -258,11 +267,13 @@ def tasks_of(
 
 
 def _with_files(task: Task, run: Run) -> Task:
-    """Return the task with the paths of the files of fields that the run asks for.
+    """Return the task with the paths of the files that the run asks for.
 
-    The task is returned unchanged if the run asks for none of this surface, or if the
-    method has no fields.
+    These are the file of its loads, if a run can go on from a load of its path, and the
+    files of fields, if the method has any and the run asks for those of this surface.
     """
+    if task.method.load_files == "fields" and len(task.case.load.path) > 1:
+        task = replace(task, loads_file=task.loads_path(run.folder))
     of_first_alone = run.fields in ("first", "steps")
     if run.fields == "none" or not task.method.has_fields:
         return task

@@ -338,7 +338,7 @@ def _method_entry(results: MethodResults) -> MethodEntry:
         for name, value in result.cost.items():
             if name == "seconds":
                 seconds[label] = value
-            elif name != "peak_memory_bytes":
+            elif name not in ("measuring_seconds", "peak_memory_bytes"):
                 counts[name].append(value)
     return MethodEntry(
         surfaces=len(results.results),
