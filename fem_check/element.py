@@ -102,9 +102,7 @@ def elements_of(
     basis = Basis(mesh, ElementHex1(), intorder=2)
     jacobian_signs = np.sign(mesh.mapping().detDF(basis.X))
     if abs(jacobian_signs.sum()) < basis.dx.size:
-        raise ValueError(
-            "an element is turned inside out: the top is too rough for its layers"
-        )
+        raise ValueError("an element is turned inside out")
     gradients = np.empty((len(corners), 3, 8, 8))
     for a, (function,) in enumerate(basis.basis):
         gradients[:, :, a] = np.moveaxis(np.asarray(function.grad), 0, 1)

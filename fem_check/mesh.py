@@ -139,8 +139,12 @@ def moved_elements(block: PeriodicBlock) -> Elements:
     try:
         return elements_of(nodes, np.arange(len(nodes)), corners)
     except ValueError as error:
+        assert block.moved is not None
+        valley = -float(block.moved.min())
         raise InvalidScene(
-            f"{error}; give a finer grid, a deeper block or geometry='gap'"
+            f"{error}: the deepest valley is {valley:.3g} m below the mean height, and "
+            f"the block is {block.depth:.3g} m deep; give a depth of more than "
+            f"{valley:.3g} m, several times as deep for a good mesh, or geometry='gap'"
         ) from None
 
 

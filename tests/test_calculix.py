@@ -1,6 +1,7 @@
 """The block for other codes, and CalculiX's results on it, where `ccx` is installed."""
 
 import shutil
+import sys
 from dataclasses import replace
 
 import meshio
@@ -13,6 +14,7 @@ from fem_scenes import rough_scene
 from epcontact.crosscheck.report import crosscheck
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.verdict.verification import verify
 from epcontact.peers import calculix
 from epcontact.scene import Load
 from fem_check.driver import FemOptions, mesh_of, problem_of
@@ -177,6 +179,124 @@ def test_a_program_that_fails_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(calculix, "PROGRAM", str(program))
     with pytest.raises(NotConverged, match="too bad"):
         calculix.solve(elastic_scene(), {"law": "elastic"})
+
+
+# --- a case with CalculiX, with and without its program
+
+#: A case that compares CalculiX and the elements with a number each.
+CASE = """
+[case]
+id = "block"
+requirement = "Two codes touch on the same area."
+source = "made for the tests"
+methods = ["fem", "calculix"]
+
+[surface]
+kind = "sinusoid"
+period = 1.0
+shape = [8]
+amplitude = 1.0e-3
+
+[material]
+young_modulus = 1.0e9
+poisson_ratio = 0.3
+hardness = 3.0e8
+
+[fem]
+law = "elastic"
+layers = 3
+depth = 0.5
+
+[load]
+mean_pressure = 1.0e5
+
+[[gate]]
+quantity = "area.total.raw"
+of = "calculix"
+against = 1.0
+source = "made for the tests"
+tolerance = 0.1
+because = "The program of the tests presses on all nodes."
+"""
+OWN_GATE = """
+[[gate]]
+quantity = "quantity.mean_gap"
+of = "fem"
+against = 0.0
+norm = "absolute"
+source = "made for the tests"
+tolerance = 1.0
+because = "The gap is below the amplitude."
+"""
+#: A program that prints CalculiX's tables of this block: equal forces on the 8 nodes of
+#: the flat, no displacement, and a line in a file for each run.
+PROGRAM = f"""#!{sys.executable}
+import pathlib
+with open("{{runs}}", "a") as file:
+    file.write("run ")
+rows = [f"{{{{n}}}} 0 0 -12500" for n in range(8)]
+top = [f"{{{{n}}}} 0 0 0" for n in range(18)]
+text = "\\n".join(["forces", *rows, "top", *top, "whole", "1 0 0 -1e-3"])
+pathlib.Path("block.dat").write_text(text)
+"""
+
+
+@pytest.fixture
+def no_program(monkeypatch, tmp_path):
+    """Hide the program `ccx`, and return an empty folder of the PATH."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", str(folder))
+    return folder
+
+
+def test_without_ccx_the_other_methods_and_the_export_work(tmp_path, no_program):
+    """Without `ccx`, `run` and `export` work; a verdict leaves the gates of CalculiX
+    out, and says why.  A case of which nothing is left is skipped and does not pass.
+    """
+    path = tmp_path / "block.toml"
+    path.write_text(CASE)
+    reason = "there is no program ccx"
+    file = tmp_path / "block.inp"
+    assert invoke("export", path, file).returncode == 0
+    assert file.is_file()
+    done = invoke("run", path, "--output", tmp_path / "run", "--jobs", 1)
+    assert done.returncode == 0
+    assert f"calculix is left out: {reason}" in done.stderr
+    assert [file.stem for file in tmp_path.glob("run/block/fast/*.json")] == ["fem"]
+    done = invoke("run", path, "--method", "calculix")
+    assert done.returncode == 2
+    assert f"calculix: {reason}" in done.stderr
+    (case,) = verify(path, output=tmp_path / "none", jobs=1).cases
+    assert case.status == "skipped"
+    assert reason in case.skipped_because
+    verdict = verify(path, output=tmp_path / "none", jobs=1)
+    assert (verdict.exit_code, verdict.passed) == (0, False)
+    path.write_text(CASE + OWN_GATE)
+    verdict = verify(path, output=tmp_path / "some", jobs=1)
+    (case,) = verdict.cases
+    assert (verdict.passed, case.status) == (True, "holds")
+    assert {gate.of for gate in case.gates} == {"fem"}
+    assert len(case.not_judged) >= 1
+    assert all(f"needs calculix: {reason}" in text for text in case.not_judged)
+
+
+def test_results_of_a_program_are_reused_until_its_file_changes(tmp_path, no_program):
+    """A result of `ccx` is used again, but not if the file of the program changes; the
+    hardness, which has no effect, is a note of the result.
+    """
+    path = tmp_path / "block.toml"
+    path.write_text(CASE)
+    runs = tmp_path / "runs"
+    program = no_program / "ccx"
+    for comment, expected in (("", 1), ("", 1), ("# new", 2)):
+        program.write_text(PROGRAM.format(runs=runs) + comment)
+        program.chmod(0o755)
+        (case,) = verify(path, output=tmp_path / "out", jobs=1).cases
+        assert case.status == "holds"
+        assert len(runs.read_text().split()) == expected
+    (result,) = case.results["calculix"].results
+    assert any("has no effect on CalculiX" in note for note in result.notes)
 
 
 # --- the results of CalculiX

@@ -15,7 +15,11 @@ from fem_scenes import J2_CASE, rough_scene
 import fem_check
 from epcontact import bem
 from epcontact.cli.crosscheck_and_export import _seeds
-from epcontact.crosscheck.model_difference import combined, elements_compliance
+from epcontact.crosscheck.model_difference import (
+    EffectiveHardness,
+    combined,
+    elements_compliance,
+)
 from epcontact.crosscheck.report import crosscheck, error_budget, measured_hardness
 from epcontact.errors import InvalidCase, InvalidScene
 from epcontact.harness.case_files.case import load_case
@@ -210,6 +214,25 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
     ):
         with pytest.raises(InvalidCase, match=sentence):
             measured(place, result, f"quantity.{name}")
+
+
+@pytest.mark.parametrize(
+    ("measured", "text"),
+    [
+        (EffectiveHardness(math.inf, 0.1, 0.2), "there is no c_eff: .* 0.200 of the"),
+        (
+            EffectiveHardness(2.0, 5.0, 0.2, None, {"grid": -math.inf, "node": 0.1}),
+            r"c_eff = 2.000 at .* \(by grid unknown: no c_eff in .*, node \+0.100\)",
+        ),
+    ],
+)
+def test_no_ratio_is_printed_as_infinite(measured, text):
+    """A body, or a second solve, without c_eff is described in words.
+
+    `measured` is the effective hardness, and `text` a pattern of its description.
+    """
+    assert re.search(text, str(measured))
+    assert "inf" not in str(measured)
 
 
 def test_nothing_but_the_compliance_passes_from_one_solver_to_the_other():

@@ -1,6 +1,7 @@
 """The J2 law and its bricks: at a point, as limit loads of small bodies, as a block."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -356,5 +357,9 @@ def test_what_cannot_be_meshed_is_refused():
         block_for(layer, FemOptions(depth=1.0))
     rough = rough_scene(16, 6, slope=20.0, body=Body("bonded_layer", 0.2))
     block = block_for(rough, FemOptions(geometry="moved"))
-    with pytest.raises(InvalidScene, match="inside out"):
+    valley = -rough.surface.heights.min()
+    message = f"inside out: the deepest valley is {valley:.3g} m .* is 0.2 m deep"
+    with pytest.raises(InvalidScene, match=message):
         moved_elements(block)
+    deep = replace(rough, body=Body("bonded_layer", 1.01 * valley))
+    moved_elements(block_for(deep, FemOptions(geometry="moved")))

@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -353,12 +354,14 @@ def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
 def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkeypatch):
     """A Worker runs its calls in one process, and starts another one after that died.
 
-    WorkerDied reports exit code, exception or time limit; processes that a call has
-    started end with it.
+    WorkerDied reports exit code, exception or time limit; processes and temporary
+    folders that a call has started or made end with it.
     """
     monkeypatch.chdir(tmp_path)
     worker = Worker()
     first = worker.call(os.getpid)
+    temporary = Path(worker.call(tempfile.mkdtemp))
+    assert temporary.is_dir()
     assert worker.call(os.getpid) == first != os.getpid()
     with pytest.raises(WorkerDied, match="exit code 3"):
         worker.call(os._exit, 3)
@@ -368,6 +371,7 @@ def test_many_calls_share_one_process_until_it_dies_or_is_ended(tmp_path, monkey
         worker.call(hostile.hangs, None, limit=3)
     pids = Path("pids").read_text().split()
     assert not any(alive(int(pid)) for pid in (first, *pids))
+    assert not temporary.parent.exists()
     second = worker.call(os.getpid)
     assert second != first
     worker.end()
@@ -387,11 +391,13 @@ def test_process_that_dies_costs_its_own_task_only():
 def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     """Workers do not run the script that starts them.
 
-    They end with it, also when it is killed while they work.
+    They end with it, and delete their temporary folders, also when it is killed while
+    they work.
     """
     (tmp_path / "script.py").write_text(
         "import os, time; from epcontact.harness.workers import Worker, WorkerPool\n"
         "pool, worker = WorkerPool(1), Worker()\n"
+        "print(worker.call(__import__('tempfile').mkdtemp))\n"
         "print(worker.call(os.getpid), pool.submit(os.getpid).result(), flush=True)\n"
         "pool.submit(time.sleep, 3600); time.sleep(0.2); os.kill(os.getpid(), 9)\n"
     )
@@ -399,11 +405,12 @@ def test_processes_do_not_run_the_script_again_and_end_with_it(tmp_path):
     done = subprocess.run(
         command, check=False, capture_output=True, text=True, timeout=60
     )
-    (line,) = done.stdout.splitlines()
+    folder, line = done.stdout.splitlines()
     gone = time.monotonic() + 20
     while any(alive(int(pid)) for pid in line.split()) and time.monotonic() < gone:
         time.sleep(0.05)
     assert not any(alive(int(pid)) for pid in line.split())
+    assert not Path(folder).parent.exists()
     assert (done.returncode, done.stderr) == (-9, "")
 
 

@@ -41,7 +41,7 @@ TOKENS = {
     "epcontact.machine": 1_374,
     "epcontact.materials": 1_664,
     "epcontact.output": 17_101,
-    "epcontact.peers": 5_122,
+    "epcontact.peers": 5_291,
     "epcontact.persson": 13_560,
     "epcontact.pictures": 4_365,
     "epcontact.planning": 5_093,

@@ -54,7 +54,7 @@ def export(case: str, file: Path, size: str) -> None:
     The arguments are those of `commands.export`.
     """
     loaded = load_case(find_case(case), size)
-    if loaded.skip:
+    if not loaded.recipes:
         raise InvalidCase(f"{loaded.path}: {loaded.skip}")
     options = loaded.fem.model_dump(exclude_none=True)
     print_text(calculix.export(loaded.scene(loaded.recipes[0]), file, options))

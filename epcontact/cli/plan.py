@@ -29,6 +29,7 @@ def plan(
     loaded = load_case(text, size or text.sizes[-1])
     if loaded.skip:
         raise InvalidCase(f"{text.where}: {loaded.skip}")
+    loaded = loaded.with_available_methods()
     chosen = planning.plan(
         loaded, _fraction(tolerance), parts=parts, progress=print_error
     )

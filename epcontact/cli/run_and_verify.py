@@ -50,15 +50,9 @@ def run(
     The arguments are those of `commands.run`.
     """
     loaded = _load(find_case(case), size)
-    for method in methods:
-        if method not in loaded.methods:
-            raise click.UsageError(
-                f"{loaded.id} has no method {method}; it has "
-                f"{', '.join(loaded.methods)}"
-            )
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
-    chosen = loaded.changed(methods=tuple(dict.fromkeys(methods)) or loaded.methods)
+    chosen = _with_methods(loaded, methods)
     settings = replace(settings, fields=_fields_of_run(fields or "first"), rows=True)
     with show_progress("run") as progress:
         solving = replace(settings, progress=progress)
@@ -87,6 +81,33 @@ def run(
     for peak in sorted(folder.glob("*-peak.vti")):
         last = peak.name.replace("-peak", "")
         print_text(f"fields at the largest load in {peak.name}, at the last in {last}")
+
+
+def _with_methods(case: Case, methods: tuple[str, ...]) -> Case:
+    """Return a case with the methods that a user chose, or with all that can run here.
+
+    A sentence on stderr names each method that is left out because it cannot run.
+
+    Args:
+        case: the case.
+        methods: names of methods; empty: all.
+
+    Raises:
+        EpcontactError: if a chosen method cannot run here.
+        click.UsageError: if the case does not name a chosen method.
+    """
+    for method in methods:
+        if method in case.missing:
+            raise EpcontactError(f"{case.path}: {method}: {case.missing[method]}")
+        if method not in case.methods:
+            raise click.UsageError(
+                f"{case.id} has no method {method}; it has {', '.join(case.methods)}"
+            )
+    if not methods:
+        for method, reason in case.missing.items():
+            print_error(f"{method} is left out: {reason}")
+    available = case.with_available_methods()
+    return available.changed(methods=tuple(dict.fromkeys(methods)) or available.methods)
 
 
 def _note_old_verdict(output: Path) -> None:

@@ -111,7 +111,11 @@ def print_summary(console: Console, verdict: Verdict) -> None:
     agree, and what is not covered.  `epcontact/harness/verdict/overview.py` says what
     each of them is; the first screen of the report has the same content.
     """
-    style = STYLES["holds" if verdict.passed else "falls short"]
+    style = STYLES["falls short"]
+    if verdict.passed:
+        style = STYLES["holds"]
+    elif verdict.exit_code == 0:
+        style = STYLES["skipped"]
     console.print(text_of(headline(verdict), f"bold {style}"))
     if evidence(verdict):
         print_sentence(console, evidence(verdict))

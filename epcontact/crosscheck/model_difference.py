@@ -67,10 +67,16 @@ class EffectiveHardness:
 
     @property
     def meaningless(self) -> str:
-        """The sentence that says why the contact is too full for a ratio.
+        """The sentence that says why there is no ratio; empty if there is one.
 
-        It is empty if the area is small enough.
+        The contact may be too full, or no larger than that of the elastic body.
         """
+        if math.isinf(self.ratio):
+            return (
+                f"there is no c_eff: the J2 body touches on {self.area:.3f} of the "
+                "nodes, no more than the elastic body; a larger E*ξ/σ_Y or load is "
+                "needed"
+            )
         if self.area <= _SATURATED:
             return ""
         return (
@@ -88,11 +94,17 @@ class EffectiveHardness:
         """Return the ratio with its error and the parts, or why it has no meaning."""
         if self.meaningless:
             return self.meaningless
-        parts = ", ".join(f"{name} {part:+.3f}" for name, part in self.parts.items())
-        text = (
-            f"c_eff = {self.ratio:.3f} +- {self.error:.3f} at E*ξ/σ_Y = "
-            f"{self.severity:.3g} (by {parts})"
-        )
+        text = f"c_eff = {self.ratio:.3f}"
+        if math.isfinite(self.error):
+            text += f" +- {self.error:.3f}"
+        text += f" at E*ξ/σ_Y = {self.severity:.3g}"
+        listed = []
+        for name, part in self.parts.items():
+            if math.isfinite(part):
+                listed.append(f"{name} {part:+.3f}")
+            else:
+                listed.append(f"{name} unknown: no c_eff in its second solve")
+        text += f" (by {', '.join(listed)})"
         if self.at_cap:
             text += f" ({self.at_cap}, overlap {self.at_cap.overlap:.2f})"
         return text
@@ -349,11 +361,11 @@ def _measure_effective(solved: SolvedScene) -> tuple[float, Difference]:
     """
     _require_j2(solved)
     measured = hardness_of_equal_area(solved.scene, solved.result)
-    if measured.meaningless:
-        raise InvalidCase(f"{measured.meaningless}; gate it under a smaller load")
     if measured.at_cap is None:
         raise InvalidCase(
             "the J2 body touches on no more than the elastic one, so no cap gives "
             "its area; a gate on the effective hardness needs a larger E*ξ/σ_Y"
         )
+    if measured.meaningless:
+        raise InvalidCase(f"{measured.meaningless}; gate it under a smaller load")
     return measured.ratio, measured.at_cap

@@ -121,7 +121,7 @@ def measured_hardness(
     j2 = j2 or _solve_j2(scene, **options)
     fine = hardness_of_equal_area(scene, j2)
     coarse_scene = _on_half_grid(scene)
-    if fine.meaningless or math.isinf(fine.ratio) or coarse_scene is None:
+    if fine.meaningless or coarse_scene is None:
         return fine
     others = {"grid": (coarse_scene, _solve_j2(coarse_scene, **options))}
     if scene.body.kind == "half_space":
@@ -290,7 +290,9 @@ def _check_surface(
     row["model, overlap"] = model.overlap
     row["model, distance of the pressures"] = model.wasserstein
     row["largest pressure of j2 over sigma_Y"] = largest / scene.material.yield_stress
-    if measured.at_cap is not None and not measured.meaningless:
+    has_ratio = measured.at_cap is not None and not measured.meaningless
+    if has_ratio and math.isfinite(measured.error):
+        assert measured.at_cap is not None
         row[_C_EFF] = measured.ratio
         for name, part in measured.parts.items():
             if name != "node":
@@ -339,7 +341,9 @@ def _table_of_codes(case: Case, scene: Scene) -> list[str]:
         away = difference(result, elements, math.inf)
         ratio = math.nan
         if is_j2:
-            ratio = hardness_of_equal_area(solved, result).ratio
+            measured = hardness_of_equal_area(solved, result)
+            if not measured.meaningless:
+                ratio = measured.ratio
         cost = result.cost
         row = (
             name,

@@ -151,6 +151,7 @@ def _tasks_at(
     """
     if case.skip:
         raise InvalidCase(f"{case.path}: {case.skip}")
+    case = case.with_available_methods()
     quantities = requested or ()
     for quantity in quantities:
         if not any(_has_quantity(METHODS[name], quantity) for name in case.methods):

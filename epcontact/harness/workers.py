@@ -14,8 +14,10 @@ import multiprocessing
 import os
 import pickle
 import pkgutil
+import shutil
 import signal
 import sys
+import tempfile
 import threading
 import time
 import types
@@ -60,6 +62,7 @@ class Worker:
         """Create a worker without a process, which the first call starts."""
         self._process: Any = None
         self._pipe: Any = None
+        self._folder = ""
         self._calling = threading.Lock()
 
     def call(
@@ -110,7 +113,10 @@ class Worker:
         self._stop()
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
-        process = context.Process(target=_serve, args=(other_end,), daemon=True)
+        self._folder = tempfile.mkdtemp(prefix="epcontact-")
+        process = context.Process(
+            target=_serve, args=(other_end, self._folder), daemon=True
+        )
         # The workers of Dask are daemons, which could not start processes otherwise.
         multiprocessing.current_process().daemon = False
         atexit.register(self.end)
@@ -132,6 +138,8 @@ class Worker:
         code: int | None = process.exitcode
         kill_tree(process.pid)
         process.join()
+        # A process that is killed leaves its temporary folders behind.
+        shutil.rmtree(self._folder, ignore_errors=True)
         return code
 
 
@@ -180,13 +188,20 @@ def kill_tree(pid: int) -> None:
 # --- in the process of a worker
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, folder: str) -> None:
     """Run in a worker's process: answer the calls of the parent process.
 
     Each call is two messages in the pipe: the parent's `sys.path`, then the pickled
     function with its arguments.  It returns when the parent closes the pipe, and the
     process is killed when the parent ends.
+
+    Args:
+        pipe: of the calls and their results.
+        folder: for the temporary files of this process and of those that it starts.
+            This process deletes it at its end, or the parent if this one is killed.
     """
+    tempfile.tempdir = folder
+    os.environ["TMPDIR"] = folder
     if hasattr(os, "setsid"):
         os.setsid()  # signals to the group of the parent are not for this process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -198,6 +213,7 @@ def _serve(pipe: Connection) -> None:
         while True:
             sys.path[:] = pipe.recv()
             pipe.send_bytes(_answer(pipe.recv_bytes()))
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _answer(request: bytes) -> bytes:
@@ -220,6 +236,8 @@ def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()
+    if tempfile.tempdir is not None:
+        shutil.rmtree(tempfile.tempdir, ignore_errors=True)
     kill_tree(os.getpid())
 
 

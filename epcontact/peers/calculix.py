@@ -25,6 +25,7 @@ digits.
 
 from __future__ import annotations
 
+import math
 import subprocess
 import tempfile
 import time
@@ -538,7 +539,21 @@ def solve(
             "iterations": iterations,
             "unknowns": 3 * nx * ny * len(block.layers),
         },
-        notes=scene.surface.notes,
+        notes=(*scene.surface.notes, *_unused_hardness(scene, given)),
+    )
+
+
+def _unused_hardness(scene: Scene, options: FemOptions) -> tuple[str, ...]:
+    """Return a note that the hardness of a scene has no effect; () without a hardness.
+
+    `options` have the law.
+    """
+    hardness = scene.material.hardness
+    if math.isinf(hardness):
+        return ()
+    return (
+        f"the hardness of {hardness:.3g} Pa has no effect on CalculiX, which has no "
+        f"cap on the pressure: the law is {options.law}",
     )
 
 
@@ -591,6 +606,7 @@ def _describe(scene: Scene, options: FemOptions) -> list[str]:
     material = scene.material
     loads = ", ".join(f"{pressure:g}" for pressure in scene.load.path)
     return [
+        *_unused_hardness(scene, options),
         f"the block of the scene {scene.digest} in SI units, {scene.body.kind}",
         f"E {material.young_modulus:g} Pa, nu {material.poisson_ratio:g}, yield stress "
         f"{material.yield_stress:g} Pa, hardness {material.hardness:g} Pa, law "

@@ -391,25 +391,74 @@ class Case(Table):
         return options
 
     @cached_property
+    def missing(self) -> dict[str, str]:
+        """The methods of the case file that cannot run here, with the reason of each.
+
+        A module or a program is missing that such a method needs.
+        """
+        reasons = {name: METHODS[name].missing for name in self.head.methods}
+        return {name: reason for name, reason in reasons.items() if reason}
+
+    @cached_property
     def skip(self) -> str:
         """The sentence that says why this case cannot run here, or "".
 
-        It cannot if the file of its surface, a module or a program is missing.
+        It cannot if the file of its surface is missing, or what its methods need.
         """
         if isinstance(self.surface, surfaces.SurfaceAbsent):
             return f"skipped: {self.surface}"
-        for name in self.methods:
-            if METHODS[name].missing:
-                return f"skipped: {METHODS[name].missing}"
+        if len(self.missing) == len(self.head.methods):
+            return f"skipped: {'; '.join(dict.fromkeys(self.missing.values()))}"
         return ""
+
+    def unavailable(self, gate: Gate) -> str:
+        """Return why a gate cannot be judged here: "" or a method and what it lacks."""
+        for side in (gate.of, gate.against):
+            if isinstance(side, str) and side in self.missing:
+                return f"{side}: {self.missing[side]}"
+        return ""
+
+    def with_available_methods(self) -> Case:
+        """Return this case without the methods that cannot run here, and without the
+        gates that read them, which `not_judged` lists.
+        """
+        if not self.missing:
+            return self
+        methods = [name for name in self.methods if name not in self.missing]
+        gates = [gate for gate in self.gates if not self.unavailable(gate)]
+        left_out = [
+            f"{gate.name} needs {self.unavailable(gate)}"
+            for gate in self.gates
+            if self.unavailable(gate)
+        ]
+        return self.changed(
+            methods=tuple(methods),
+            gates=tuple(gates),
+            not_judged=(*self.not_judged, *left_out),
+        )
+
+    def to_judge(self) -> Case:
+        """Return this case as a verification solves it.
+
+        If each of its own gates at its size needs a method that cannot run here, the
+        case is skipped: to judge it by the default gates of the other methods would say
+        nothing about its requirement.
+        """
+        own = [table.gate for table in self._gates_at_size]
+        judged = [gate for gate in own if not self.unavailable(gate)]
+        if self.skip or judged or not self.missing:
+            return self.with_available_methods()
+        reasons = dict.fromkeys(self.missing.values())
+        return self.changed(skip=f"skipped: {'; '.join(reasons)}", recipes=())
 
     @cached_property
     def recipes(self) -> tuple[surfaces.Recipe, ...]:
-        """The recipes of the surfaces of this case; none if it is skipped.
+        """The recipes of the surfaces of this case; none if their file is missing.
 
         Raises InvalidScene if the two bodies have different numbers of surfaces.
         """
-        recipes = () if self.skip else surfaces.recipes_of(self.surface)
+        absent = isinstance(self.surface, surfaces.SurfaceAbsent)
+        recipes = () if absent else surfaces.recipes_of(self.surface)
         above = self.counterface.surface if self.counterface else None
         if not recipes or above is None:
             return recipes
@@ -621,6 +670,13 @@ class Case(Table):
 
     # --- what is judged
 
+    @property
+    def _gates_at_size(self) -> list[GateTable]:
+        """The gates of the case file that apply to this size."""
+        return [
+            gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes
+        ]
+
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
         """The gates at this size: the case's own, and the default gates of its methods.
@@ -628,9 +684,7 @@ class Case(Table):
         A gate of the case replaces the default gate on the same quantity of the same
         method.  A case that is there to be run or swept has no gate at all.
         """
-        own = [
-            gate for gate in self.gate if gate.sizes is None or self.size in gate.sizes
-        ]
+        own = self._gates_at_size
         replaced = {(gate.of, gate.quantity) for gate in own}
         shared = [
             gate

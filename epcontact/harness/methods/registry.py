@@ -13,6 +13,7 @@ come from three sources:
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import math
 import pkgutil
@@ -308,11 +309,24 @@ class Method:
 
     @property
     def foreign(self) -> bool:
-        """Whether the method's code is not part of the package.
-
-        No saved result of such a method is used again, as its code may have changed.
-        """
+        """Whether the method's code is not part of the package."""
         return bool(self.source or self.requires or self.program)
+
+    @property
+    def code_digest(self) -> str | None:
+        """What identifies the code of the method, beside the sources of the package.
+
+        It is "" for the package's own methods, and the SHA-256 of the program that the
+        method runs.  It is None if the code is not known: no saved result of such a
+        method is used again, as its code may have changed.
+        """
+        if not self.foreign:
+            return ""
+        path = shutil.which(self.program) if self.program else None
+        if path is None:
+            return None
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     @property
     def missing(self) -> str:

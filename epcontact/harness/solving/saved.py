@@ -3,8 +3,9 @@
 `<output>/<case>/<size>/members/<method>-<surface>.json` holds one result, its key
 (scene, size, options, and the sources and libraries of all solvers), a digest of this
 content, and the hash of the fields written with it.  A task of the same key is not run
-again if the content has that digest and the fields it asks for have that hash.  A
-solver from outside the package always runs, because its sources are not known here.
+again if the content has that digest and the fields it asks for have that hash.  The
+key of a program, such as CalculiX, has the hash of its file.  Any other solver from
+outside the package always runs, because its sources are not known here.
 
 While a load path is solved by boundary elements, `<method>-<surface>.loads.npz` holds
 the loads that are done, and the plastic displacement from which the next one starts.  A
@@ -88,6 +89,8 @@ def key_of(task: Task) -> str:
         "mapped": repr((task.case.mapped, task.case.conductances)),
         "basis": software_versions(),
     }
+    if task.method.code_digest:
+        content["program"] = task.method.code_digest
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -226,7 +229,7 @@ def load_saved(task: Task, output: Path) -> ContactResult | None:
     Returns None if there is none, if it or its files were changed, if it lacks
     something that the task asks for, or if the method's code is not the package's.
     """
-    if task.method.foreign:
+    if task.method.code_digest is None:
         return None
     content = read_saved(task.result_path(output))
     if content.get("key") != key_of(task):

@@ -237,7 +237,7 @@ def peak_path(fields: Path) -> Path:
 def tasks_of(
     case: Case, run: Run, methods: Mapping[str, Method] = METHODS
 ) -> Iterator[Task]:
-    """Yield the tasks of a case: each of its methods on each of its surfaces.
+    """Yield the tasks of a case: each method that can run here on each surface.
 
     The theory of an analytic spectrum has one task, as all surfaces are drawn from this
     spectrum.
@@ -249,6 +249,8 @@ def tasks_of(
     """
     for name in case.methods:
         method = methods[name]
+        if method.missing:
+            continue
         recipes = case.recipes
         single = case.options[name].get("spectrum") == "analytic"
         if single:

@@ -98,7 +98,8 @@ class CaseVerdict(Record):
     gates: list[GateVerdict]
     not_judged: list[str] = Field(
         default=[],
-        description="the gates that this size leaves out",
+        description="the gates that do not apply to this size, or whose method is "
+        "missing here",
     )
     _case: Case | None = PrivateAttr(default=None)
     _results: Mapping[str, MethodResults] = PrivateAttr(default_factory=dict)
@@ -236,9 +237,10 @@ class Verdict(Record):
             exit_code = 1
         if ERROR in statuses:
             exit_code = 2
+        nothing_judged = statuses == {SKIPPED}
         return cls(
             schema="epcontact-verdict-1",
-            passed=exit_code == 0,
+            passed=exit_code == 0 and not nothing_judged,
             exit_code=exit_code,
             size=size,
             versions=_versions(cases) or package_versions(),

@@ -188,6 +188,8 @@ def headline(verdict: Verdict) -> str:
         f"{held} of {_count(len(gates), 'gate')} {'holds' if held == 1 else 'hold'} "
         f"in {_count(judged, 'case')}"
     )
+    if counts[SKIPPED] == len(verdict.cases) > 0:
+        sentence = "nothing was judged"
     if counts[FALLS_SHORT]:
         verb = "falls" if counts[FALLS_SHORT] == 1 else "fall"
         sentence += f"; {_count(counts[FALLS_SHORT], 'case')} {verb} short"

@@ -107,8 +107,12 @@ class GateItem(pytest.Item):
     def setup(self) -> None:
         """Solve the case of this gate, unless an earlier gate did.
 
-        Skips the test if a surface or a solver of the case is missing.
+        Skips the test if a surface of the case or a solver of the gate is missing.
         """
+        case = self.parent.case
+        reason = case.unavailable(case.gates[self.number])
+        if reason:
+            pytest.skip(f"skipped: {reason}")
         if self.parent.verdict.skipped_because:
             pytest.skip(self.parent.verdict.skipped_because)
 
@@ -120,7 +124,9 @@ class GateItem(pytest.Item):
         which junit.xml lists.
         """
         verdict = self.parent.verdict
-        gate = verdict.gates[self.number]
+        case = self.parent.case
+        before = [g for g in case.gates[: self.number] if not case.unavailable(g)]
+        gate = verdict.gates[len(before)]
         self.user_properties += [("reference", gate.kind), ("verifies", gate.subject)]
         if not gate.holds:
             raise GateFellShort(str(gate))

@@ -117,6 +117,7 @@ def _load(cases: Any, size: str, solver: str) -> tuple[list[Case], dict[str, Met
         cases = [cases]
     named = () if cases is None else as_tuple(cases)
     loaded = _load_with_gates(named or cases_to_verify(size), size)
+    loaded = [case.to_judge() for case in loaded]
     if solver:
         replacement = solver_named(solver)
         methods[replacement.name] = replacement
