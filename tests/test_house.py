@@ -49,7 +49,7 @@ TOKENS = {
     "epcontact.results": 2_096,
     "epcontact.scene": 3_804,
     "epcontact.studies": 22_428,
-    "epcontact.surfaces": 20_522,
+    "epcontact.surfaces": 20_579,
     "fem_check": 29_299,
     "lines of saved screens": 626,
     "tests": 151_070,

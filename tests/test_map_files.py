@@ -248,6 +248,14 @@ def test_contradictions_to_a_header_are_refused(tmp_path, name, key, value, word
     assert agreeing.periods == (6e-6, 4e-6)
 
 
+@pytest.mark.parametrize("line", ["# Value units: V", "z-unit = [deg]", "Unit Data=nA"])
+def test_values_that_are_no_heights_are_refused(tmp_path, line):
+    """A header that states a voltage, an angle or a current is refused."""
+    path = written(tmp_path / "a.txt", f"{line}\n{table(MAP.T)}")
+    with refused('its header states ".*", which is no unit of heights; export the'):
+        HeightsFromFile(path, unit=1e-9, pixel_size=1e-6)
+
+
 def test_one_size_is_that_of_a_square_map(tmp_path):
     """A single scan size counts for both directions of a square map, and for no other
     map.

@@ -346,10 +346,16 @@ class Channel:
     nb_grid_pts = MAP.shape
 
     @property
+    def is_uniform(self):
+        """Return True if the points of the topography have even steps."""
+        return self.create().is_uniform
+
+    @property
     def physical_sizes(self):
         """Return the lengths of the topography, None if it has no unit."""
         topography = self.create()
-        return None if topography.unit is None else topography.physical_sizes
+        has_lengths = topography.unit is not None and topography.is_uniform
+        return topography.physical_sizes if has_lengths else None
 
     @property
     def is_height_channel(self):
@@ -358,9 +364,22 @@ class Channel:
 
     def topography(self, physical_sizes):
         """Return the topography; a file without lengths needs some to be read."""
-        if (physical_sizes is None) == (self.physical_sizes is None):
+        needs_lengths = self.physical_sizes is None and self.is_uniform
+        if needs_lengths == (physical_sizes is None):
             raise ValueError("lengths are given twice or not at all")
         return self.create()
+
+
+class Trace(Topography):
+    """The line of the heights HILLS[0] in nm, whose points have uneven steps."""
+
+    def positions(self):
+        """Return x of the points, which are three steps longer than their number."""
+        return np.delete(np.arange(67.0), [5, 40, 41])
+
+    def heights(self):
+        """Return the heights of the points."""
+        return HILLS[0]
 
 
 def unreadable_topography():
@@ -524,6 +543,15 @@ def test_a_file_that_states_no_size_takes_the_pixel_size(instrument):
     """The reader of a file without lengths gets some, and those of the user count."""
     recipe = instrument(partial(Topography, None), pixel_size=0.5, unit=1e-9)
     assert recipe.periods == (24.0, 25.0)
+
+
+def test_a_trace_of_uneven_steps_is_a_line(instrument):
+    """A line with uneven steps has the length of its x, and missing steps are holes."""
+    trace = partial(Trace, is_uniform=False)
+    recipe = instrument(trace, treatment="periodic", missing="nearest")
+    assert recipe.shape == (67,)
+    assert recipe.periods == pytest.approx((67e-9,))
+    assert list(np.flatnonzero(recipe.build().filled)) == [5, 40, 41]
 
 
 def test_the_reason_is_that_of_the_reader_of_the_ending(write, with_readers):

@@ -56,8 +56,9 @@ def read_instrument(path: Path, channel: str | None = None) -> HeightMap:
     problem = f"the reader of {name} files cannot read it"
     with errors_of(path, problem, _remedy(path)), opened as reader:
         info, note = _channel(reader, channel, path)
-        # A reader needs lengths for a file that states none; these replace them.
-        absent = info.physical_sizes is None
+        # A reader needs lengths for a map that states none; these replace them.
+        has_even_steps = info.is_uniform is not False
+        absent = info.physical_sizes is None and has_even_steps
         sizes = tuple(map(float, info.nb_grid_pts)) if absent else None
         topography = info.topography(physical_sizes=sizes)
         heights = np.ma.asarray(topography.heights(), np.float64)

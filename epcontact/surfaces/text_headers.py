@@ -30,6 +30,8 @@ _WORDS = "|".join(sorted(UNITS, key=len, reverse=True))
 #: A unit that ends where its word ends.
 _UNIT = rf"(?:{_WORDS})(?![^\W_])"
 _NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[-+]?\d+)?"
+#: Units of values that are no heights, in lower case.
+_NO_LENGTHS = r"(?:[mµunpk]?v|[mµunp]a|a|deg|°|rad|k?hz|[mµunp]?n|%|counts?)"
 #: What may stand between a word and its value.
 _GAP = r"[\s:=：;,]+"
 
@@ -89,6 +91,7 @@ class StatedScale:
     y_length: StatedLength | None = None  #: Length of the map along y.
     x_pixel: StatedLength | None = None  #: Distance of its points along x.
     y_pixel: StatedLength | None = None  #: Distance of its points along y.
+    no_length: str = ""  #: The line that states a unit which is no length, if any.
     #: Units of the columns of a list of points in m, None for a column without one.
     columns: tuple[float | None, ...] = ()
 
@@ -136,6 +139,10 @@ def read_scale(header: list[str]) -> StatedScale:
             if match:
                 unit = UNITS[match["unit"]]
                 unit_source = _shown(line)
+    no_length = ""
+    for plain, line in lines:
+        if re.search(rf"^{_UNIT_OF_HEIGHTS}\b[^\w%°]*{_NO_LENGTHS}[\s)\]]*$", plain):
+            no_length = _shown(line)
     length_unit, _ = _find_unit(lines, rf"^{_UNIT_OF_LENGTHS}\b")
     if length_unit is None and any(line == _SPIP for line, _ in lines):
         length_unit = 1e-9
@@ -152,6 +159,7 @@ def read_scale(header: list[str]) -> StatedScale:
         y_length[-1] if y_length else None,
         x_pixel[0] if x_pixel else None,
         y_pixel[-1] if y_pixel else None,
+        no_length,
         columns,
     )
 

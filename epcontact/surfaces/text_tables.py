@@ -99,8 +99,14 @@ def _map_of_table(table: FloatArray, scale: StatedScale, path: Path) -> HeightMa
 
     Raises:
         InvalidScene: The points of the table are on no grid, two columns are no
-            profile, or the header states two different lengths.
+            profile, or the header states two different lengths or a unit that is no
+            length.
     """
+    if scale.no_length:
+        raise InvalidScene(
+            f'{path}: its header states "{scale.no_length}", which is no unit of '
+            "heights; export the channel of the heights, or correct the header"
+        )
     profile = profile_columns(table)
     if profile is not None:
         return _with_column_units(profile_map(*profile), "x and height", scale)
