@@ -151,6 +151,23 @@ def test_a_hardness_that_grows_with_the_magnification(capsys):
     assert capsys.readouterr().out == output
 
 
+def test_the_page_on_the_paper_computes_its_table(capsys):
+    """The program of the page on the paper prints the areas of its table; here on a
+    coarse grid, of which the limit is within 5 % of the table, and the theory equal.
+    """
+    (code,) = blocks("python", ".docs/paper.md")
+    exec(code.replace("(8, 16, 32)", "(4,)"), {})
+    capped, elastic = capsys.readouterr().out.splitlines()
+    totals = [
+        [float(total) for total in re.findall(r"total=([^,]+),", line)]
+        for line in (capped, elastic)
+    ]
+    assert totals[0][1] == pytest.approx(0.1097, rel=0.05)
+    assert totals[1][1] == pytest.approx(0.0991, rel=0.05)
+    assert totals[0][2] == pytest.approx(0.1097, abs=2e-4)
+    assert totals[1][2] == pytest.approx(0.1086, abs=2e-4)
+
+
 def test_solver_and_case_of_the_readers_own(home):
     """The README's workflow for continuous integration verifies a reader's own solver
     and compares it with saved values.

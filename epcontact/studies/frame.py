@@ -273,5 +273,6 @@ def _draw(
         if look.colour:
             by.append(look.colour)
         table = mean_with_interval(table, look.y.column, list(dict.fromkeys(by)))
-    title = re.split(r"[.:] |, with |, which ", caption, maxsplit=1)[0]
+    # Numbers may follow in the caption, for which there is no room above the axes.
+    title = re.split(r"[.:,;] ", caption, maxsplit=1)[0]
     return draw_table(table, replace(look, title=look.title or title), caption)

@@ -133,6 +133,7 @@ def gap(
         ticks=LOADS,
         colour="law",
         colours=_COLOURS,
+        title="How far apart are the faces, by theory and by boundary elements?",
     )
     means = mean_with_interval(solved, OPEN, ["law", _LOAD])
     methods = [theory.assign(method="persson"), means.assign(method="bem")]
@@ -175,7 +176,12 @@ def gap(
         waves=[block_waves],
     )
     finest = max(grids)
-    plot = replace(open_gap, ticks=LOADS[:-1], styles={"bem": "curve"})
+    plot = replace(
+        open_gap,
+        ticks=LOADS[:-1],
+        styles={"bem": "curve"},
+        title="How far apart are the faces, by boundary and finite elements?",
+    )
     on_finest = blocks[blocks["grid"] == finest]
     yield plot, on_finest, "Mean open gap by boundary and finite elements"
 

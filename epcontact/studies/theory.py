@@ -145,6 +145,7 @@ def gamma(
         colours=PART_COLOURS | {ELASTIC_BODY: CYCLE[1]},
         mark="method",
         upright={r"$\gamma$ of the paper": paper.GAMMA},
+        title="Which energy reduction gives the areas of boundary elements?",
     )
     yield plot, both, f"Contact areas, which the theory meets at the gammas {gammas}"
 

@@ -215,7 +215,8 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         _place_axes(figure, axes)
         # The title begins at the left edge, because the legend is at the right.
-        figure.text(0.1 / _SIZE[0], 0.985, plot.title, va="top", fontsize=10)
+        title = typeset(plot.title)
+        figure.text(0.1 / _SIZE[0], 0.985, title, va="top", fontsize=10)
         if warning:
             words = "the intervals are wider than the differences"
             axes.set_title(words, color="#a63c00", loc="left", fontsize=8)
