@@ -5,6 +5,7 @@ The solvers are those of hostile.py, each in a process of its own as with `--sol
 """
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -32,7 +33,9 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.quantities.registry import measure
 from epcontact.harness.solving.method_results import MethodResults
+from epcontact.harness.verdict import hints
 from epcontact.harness.verdict.judgement import judge_case
 from epcontact.harness.verdict.pytest_cases import GateFellShort, GateItem
 from epcontact.harness.verdict.verification import verify
@@ -197,7 +200,8 @@ def scene():
         ("hostile:has_no_memory", "raised not enough memory"),
         (
             "hostile:divides_by_zero",
-            "raised ZeroDivisionError: integer division or modulo by zero",
+            "raised ZeroDivisionError: integer division or modulo by zero (hostile.py, "
+            "line 70, in divides_by_zero: return 1 // 0)",
         ),
         ("hostile:returns_a_table", "returned no epcontact.ContactResult but 'dict'"),
         ("hostile:returns_another_grid", "returned the field pressure of shape (3,)"),
@@ -317,7 +321,11 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(
 
     judged = judge("invents_its_path")
     wrong = judge("errs_at_the_first_load")
-    assert all(gate.holds for gate in judged.gates[1:])
+    # What it invents is compared with its pressures, and does not replace them.
+    assert {gate.quantity for gate in judged.gates[1:] if not gate.holds} == {
+        "quantity.measured_areas",
+        "quantity.measured_figures",
+    }
     fallen_short = {gate.quantity for gate in wrong.gates if not gate.holds}
     assert "quantity.measured_gap" in fallen_short
     (found,) = judged.results["invents_its_path"].results
@@ -332,6 +340,66 @@ def test_every_load_of_a_path_is_that_of_the_pressures_alone(
             assert mine.quantities[name] == pytest.approx(value, rel=1e-5, abs=1e-12)
         assert 0 <= mine.quantities["stiffness_loading"] < 1e15
         assert "plastic_force_share" not in mine.quantities
+
+
+def with_mistake(mistake, scene):
+    """Return the result of a solver that makes a mistake, by its name, on a scene."""
+    material, surface = scene.material, scene.surface
+    wrong = scene
+    if mistake == "modulus":
+        modulus = material.young_modulus * (1 - material.poisson_ratio**2)
+        wrong = replace(scene, material=replace(material, young_modulus=modulus))
+    if mistake == "heights":
+        flipped = replace(surface, heights=-surface.heights)
+        wrong = replace(scene, surface=flipped)
+    if mistake == "hardness":
+        wrong = replace(scene, material=replace(material, hardness=math.inf))
+    if mistake == "period":
+        points = surface.shape[0]
+        longer = tuple(length * points / (points - 1) for length in surface.periods)
+        wrong = replace(scene, surface=replace(surface, periods=longer))
+    if mistake == "load":
+        wrong = replace(scene, load=Load(scene.load.final / 2))
+    result = bem.solve(wrong)
+    step = replace(result.final, mean_pressure=scene.load.final)
+    if mistake == "axes":
+        transposed = {"pressure": result.fields["pressure"].T}
+        return replace(result, fields=transposed, steps=(step,))
+    if mistake == "count":
+        raw = Areas(*(1.1 * area for area in vars(step.areas["raw"]).values()))
+        step = replace(step, areas={**step.areas, "raw": raw})
+    return replace(result, steps=(step,))
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        ("modulus", "E in the place of E* = E / (1 - nu^2)"),
+        ("heights", "heights of the other sign"),
+        ("hardness", "no hardness"),
+        ("period", "the period divided by one point too few"),
+        ("load", "half of the load"),
+        ("axes", "x and y exchanged in its results"),
+        ("count", ""),
+        ("none", ""),
+    ],
+)
+def test_a_known_mistake_of_a_solver_is_named(mistake, words):
+    """The hint names the mistake that a solver makes, and no other; a solver that
+    counts its area wrongly has correct pressures, and its report is quoted.
+    """
+    scene = rough_scene(24, 3, yield_stress=math.inf, hardness=0.1)
+    result = foreign._checked(with_mistake(mistake, scene), scene)
+    hint = hints._nearest_mistake(scene, result)
+    assert hint.partition(" % from results with ")[2].startswith(words)
+    assert bool(hint) == bool(words)
+    reports = [*hints._differing_reports(result)]
+    total = result.final.areas["raw"].total
+    wrong_report = f"reports total area {1.1 * total:.6g}, but its fields have "
+    is_quoted = any(report.startswith(wrong_report) for report in reports)
+    assert is_quoted == (mistake == "count")
+    error = measure("quantity.measured_areas", scene, result)
+    assert (error > 0.05 * total) == (mistake in ("count", "hardness"))
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):

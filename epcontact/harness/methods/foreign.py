@@ -55,6 +55,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -63,7 +64,13 @@ from typing import Any
 import numpy as np
 
 from epcontact import results
-from epcontact.errors import InvalidCase, NotConverged, sentence_of, without_controls
+from epcontact.errors import (
+    InvalidCase,
+    NotConverged,
+    printable,
+    sentence_of,
+    without_controls,
+)
 from epcontact.harness.quantities.registry import QUANTITIES, scalar_quantities
 from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.machine import describe_death
@@ -77,6 +84,8 @@ from epcontact.results import (
 )
 from epcontact.scene import Scene
 
+#: Lines of a traceback that the message on an error of a solver has.
+_PLACES = 2
 #: What a command has in the place of the files.
 PLACEHOLDER = re.compile(r"\{(scene|result)\}")
 _EXPONENT = re.compile(r"(?<=[\d.])(?:[dD]|(?=[+-]))")  # of Fortran's double precision
@@ -277,6 +286,8 @@ def _by_its_pressures(
 
     Quantities that the solver reports are kept only if the package cannot compute them:
     unlisted ones, and for J2 flow those that pressures do not show.  A note lists them.
+    Raw areas and quantities that the package computes are kept as "reported_..."; the
+    quantities `measured_areas` and `measured_figures` compare them with the fields.
 
     Args:
         result: the result of the solver, with the field "pressure" in Pa.
@@ -299,11 +310,19 @@ def _by_its_pressures(
         if known is None or (flows and not known.measure):
             unchecked[name] = value
     quantities = computed.final.quantities
+    reported = {
+        f"reported_{name}": value
+        for name, value in result.final.quantities.items()
+        if name in quantities
+    }
+    if "raw" in result.final.areas:
+        for part, area in vars(result.final.areas["raw"]).items():
+            reported[f"reported_{part}_area"] = area
     final = replace(
         result.final,
         areas=areas,
         residuals={**result.final.residuals, **computed.final.residuals},
-        quantities={**unchecked, **quantities},
+        quantities={**unchecked, **quantities, **reported},
     )
     fields = dict(result.fields)
     if not flows:
@@ -355,7 +374,7 @@ def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
         may have changed anything in this process, so that the caller checks its result
         again.
     """
-    doing = "cannot be imported ({}); give package.module:function"
+    doing = "cannot be imported ({}{}); give package.module:function"
     try:
         solver = None
         if not is_command(source):
@@ -369,7 +388,7 @@ def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
             doing = "returned {}"
             result = answer_of_command(_words(source), scene)
         else:
-            doing = "raised {}"
+            doing = "raised {}{}"
             result = solver(scene)
         doing = "returned {}"
         fields = _checked_fields(result, scene.surface.shape)
@@ -377,7 +396,24 @@ def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
         data = json.loads(json.dumps(plain(result.to_json()), allow_nan=False))
         return replace(ContactResult.from_json(data), fields=fields)
     except (Exception, SystemExit) as error:
-        return f"solver {source} {doing.format(sentence_of(error))}"
+        place = _place_in_solver(error)
+        return f"solver {source} {doing.format(sentence_of(error), place)}"
+
+
+def _place_in_solver(error: BaseException) -> str:
+    """Return where an error was raised, such as " (solve in my_solver.py, line 6: x)".
+
+    The places are the last `_PLACES` lines of the traceback below this module, the
+    innermost last, with their files.  The text is empty if there is none.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    called = [index for index, frame in enumerate(frames) if frame.filename == __file__]
+    below = frames[called[-1] + 1 :] if called else frames
+    places = []
+    for frame in below[-_PLACES:]:
+        name = Path(frame.filename).name
+        places.append(f"{name}, line {frame.lineno}, in {frame.name}: {frame.line}")
+    return f" ({printable('; '.join(places))})" if places else ""
 
 
 def _checked_fields(result: Any, shape: tuple[int, ...]) -> dict[str, FloatArray]:
