@@ -200,6 +200,7 @@ STATED = {
     "keyence": '"Model","VK"\n"Horizontal","30"\n"XY Calibration","200","nm"\n'
     '"Unit","nm"\n"Height"\n',
     "both": "Some text\nScan Size: 6 x 4 µm\nunit of z = nm\n",
+    "points": "Width: 30\nHeight: 20\nXY unit: um\nPixel size: 0.2\nz unit: nm\n",
     "steps": "dx(um),0.2\ndy(um),0.2\nheights in nanometres\n",
     "nova": "Unit X = um\nScale X = 0.2\nScale Y = 0.2\nUnit Data = nm\n",
 }

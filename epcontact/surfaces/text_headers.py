@@ -43,6 +43,8 @@ _X_LENGTH = (
 )
 #: Words for one length of a square map, or for both lengths.
 _BOTH_LENGTHS = r"(?:scan|image|map|field)[-_ ]?size"
+#: Words whose number is the number of points if it has no unit: "Width: 1024".
+_MAY_BE_POINTS = rf"width|height|breite|höhe|{_BOTH_LENGTHS}|[xy][-_ ]?(?:size|dim)"
 #: The line with which the header of a text file of SPIP begins; it has lengths in nm.
 _SPIP = "file format = ascii"
 _Y_LENGTH = (
@@ -199,7 +201,8 @@ def _find_lengths(
     Args:
         lines: each line of the header, in lower case and as it is.
         words: a pattern of the words in front of the number.
-        length_unit: the unit in m of numbers without one; None leaves these out.
+        length_unit: the unit in m of numbers without one; None leaves these out.  A
+            number that may be that of the points is left out, too.
 
     Returns:
         One length, two, or none if no line states it.
@@ -214,6 +217,8 @@ def _find_lengths(
         if not match:
             continue
         word = match["before"] or match["after"]
+        if not word and re.match(_MAY_BE_POINTS, plain):
+            continue
         unit = UNITS[word] if word else length_unit
         lengths = []
         for number in (match["x"], match["y"]):
