@@ -1,0 +1,221 @@
+"""What a path of loads keeps: each load its own values, limits, errors and costs.
+
+The results are invented, so that no two surfaces, loads or parts of an area are alike:
+an exchanged or repeated one gives another number.  The expected numbers are computed
+here from the definitions in the documentation.
+"""
+
+from dataclasses import replace
+from math import hypot
+
+import pytest
+from conftest import SMALL_CASE
+
+from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.solving import saved
+from epcontact.harness.solving.load_path import solve_path, with_hardness_error
+from epcontact.harness.solving.method_results import MethodResults, load_rows, summary
+from epcontact.harness.solving.tasks import Run, tasks_of
+from epcontact.materials.hardness_map import MappedHardness
+from epcontact.results import Areas, ContactResult, LoadStep, Provenance
+
+#: Student's t of two surfaces at 95 %; the mean of two values a and b has a half-width
+#: of t |a - b| / 2.
+STUDENT = 12.706204736
+LOADS = (1e8, 4e8, 2e8)
+BRANCHES = ["loading", "loading", "unloading"]
+
+
+def step_of(number, load, scale):
+    """Return an invented load step; `number` is its index, and `scale` belongs to the
+    surface.
+    """
+    total = scale * (0.1 + 0.03 * number)
+    return LoadStep(
+        load,
+        {
+            "raw": Areas(1.2 * total, 0.9 * total, 0.3 * total),
+            "corrected": Areas(total, 0.7 * total, 0.3 * total),
+            "error": Areas(0.01 * scale, 0.004 * scale, 0.007 * scale),
+        },
+        {"gap_elastic": 1e-9 * scale * (number + 1)},
+        {"fft_pairs": 10 * scale},
+        {"mean_gap": 1e-7 * scale / (number + 1), "mean_gap_error_by_grid": 1e-9},
+    )
+
+
+def result_of(scale, loads=LOADS):
+    """Return an invented result of boundary elements on the surface of this scale."""
+    steps = tuple(step_of(number, load, scale) for number, load in enumerate(loads))
+    cost = {"seconds": 2.0 * scale, "peak_memory_bytes": 1e9 / scale, "fft_pairs": 7.0}
+    return ContactResult("bem", steps, Provenance("digest"), cost=cost)
+
+
+def test_a_row_of_each_load_has_means_and_errors_of_the_surfaces():
+    """Means are those of both surfaces at this load; errors of the grid are means times
+    1.19, that of the scatter follows from both values, and the error is their root sum
+    of squares.
+    """
+    rows = load_rows([result_of(1.0), result_of(1.1)])
+    assert [row["branch"] for row in rows] == BRANCHES
+    for number, (row, load) in enumerate(zip(rows, LOADS, strict=True)):
+        assert row["mean_pressure"]["mean"] == load
+        total = 0.1 + 0.03 * number
+        for name, part, error in (
+            ("total_area", 1.0, 0.01),
+            ("elastic_area", 0.7, 0.004),
+            ("plastic_area", 0.3, 0.007),
+        ):
+            grid = 1.19 * 1.05 * error
+            scatter = STUDENT * 0.1 * part * total / 2
+            assert row[name]["mean"] == pytest.approx(1.05 * part * total)
+            assert row[name]["parts"] == pytest.approx(
+                {"grid": grid, "scatter": scatter}
+            )
+            assert row[name]["error"] == pytest.approx(hypot(grid, scatter))
+        assert row["mean_gap"]["mean"] == pytest.approx(1.05e-7 / (number + 1))
+        assert row["mean_gap"]["parts"]["grid"] == pytest.approx(1.19e-9)
+
+
+def test_a_summary_has_the_worst_residual_the_joint_cost_and_the_last_load(tmp_path):
+    """The summary of two surfaces has the largest residual, the sum of the times, the
+    largest memory, and means, deviations and intervals of the areas at the last load.
+    """
+    (tmp_path / "small.toml").write_text(SMALL_CASE)
+    case = load_case(tmp_path / "small.toml")
+    results = (result_of(1.0), result_of(1.1))
+    content = summary(case, MethodResults(results, ("seed3", "seed5")))
+    assert content["residuals"] == pytest.approx({"gap_elastic": 3.3e-9})
+    assert content["cost"] == pytest.approx(
+        {"seconds": 4.2, "peak_memory_bytes": 1e9, "fft_pairs": 14.0}
+    )
+    assert content["mean_pressure"] == 2e8
+    plastic = 0.3 * 0.16
+    assert content["areas"]["corrected"]["plastic"] == pytest.approx(1.05 * plastic)
+    assert content["ensemble"]["areas"]["corrected"]["plastic"] == pytest.approx(
+        {
+            "mean": 1.05 * plastic,
+            "standard_deviation": 0.1 * plastic / 2**0.5,
+            "half_width_95": STUDENT * 0.1 * plastic / 2,
+        }
+    )
+    assert content["ensemble"]["surfaces"] == ["seed3", "seed5"]
+
+
+@pytest.mark.parametrize(("change", "equal"), [(1e-7, True), (1e-5, False)])
+def test_surfaces_count_as_equal_if_all_quantities_agree(change, equal):
+    """Two results are those of one surface if no quantity differs by more than 1e-6."""
+    results = []
+    for factor in (1.0, 1.0 + change):
+        result = result_of(1.0)
+        quantities = {"largest_pressure": 2e9, "mean_gap": 1e-7 * factor}
+        results.append(
+            replace(result, steps=(replace(result.final, quantities=quantities),))
+        )
+    found = MethodResults(tuple(results), ("seed3", "seed5")).equal_surfaces
+    assert found == (("seed3", "seed5") if equal else None)
+
+
+def test_the_error_of_a_hardness_is_half_the_difference_of_its_ends():
+    """Each area and quantity has half the difference between the solutions with both
+    ends of the interval of the hardness, and the hardness its own error in Pa.
+    """
+    hardness = MappedHardness(
+        5e9, (4e9, 7e9), 2.5, 3.0, 0.3, 0.1, 0.2, {"a": 0.03, "b": 0.04}
+    )
+    step = step_of(1, 4e8, 1.0)
+    found = with_hardness_error(
+        step, step_of(1, 4e8, 1.3), step_of(1, 4e8, 0.8), hardness
+    )
+    areas = vars(found.areas["hardness_error"])
+    assert areas == pytest.approx(
+        {
+            "total": 0.5 * 0.13 / 2,
+            "elastic": 0.35 * 0.13 / 2,
+            "plastic": 0.15 * 0.13 / 2,
+        }
+    )
+    assert found.quantities["hardness_error_by_map"] == pytest.approx(0.05 * 5e9)
+    assert found.quantities["mean_gap_error_by_hardness"] == pytest.approx(
+        0.5 * 5e-8 / 2
+    )
+    assert found.areas["corrected"] == step.areas["corrected"]
+
+
+def test_each_load_is_solved_with_its_own_hardness_and_interval(tmp_path):
+    """A method that records its scenes is given each load once with the hardness of the
+    map for the largest load so far, and once with each end of its interval.
+
+    The result has the steps in the order of the path, the sum of all costs, and errors
+    that follow from the ends.
+    """
+    text = SMALL_CASE
+    for old, new in (
+        ('["persson", "bem"]', '["bem"]'),
+        ('against = "persson"', 'against = 0.1\nsource = "none"'),
+        ("hardness = 6.0e9", 'hardness = "effective"\nyield_stress = 2.0e9'),
+        ("mean_pressure = 5.0e8", "mean_pressure = [2.0e8, 5.0e8, 1.0e8, 6.0e8]"),
+    ):
+        text = text.replace(old, new)
+    (tmp_path / "small.toml").write_text(text)
+    case = load_case(tmp_path / "small.toml")
+
+    def solve(scene, options, threads, on_load=None):
+        """Return areas that are the loads over the hardness, and a cost of one second
+        for each load.
+        """
+        hardness = scene.material.hardness
+        steps = []
+        for load in scene.load.path:
+            areas = Areas(
+                load / hardness, 0.75 * load / hardness, 0.25 * load / hardness
+            )
+            gap = {"mean_gap": 1e3 / hardness}
+            steps.append(LoadStep(load, {"raw": areas}, quantities=gap))
+        cost = {"seconds": float(len(steps))}
+        return ContactResult("bem", tuple(steps), Provenance(scene.digest), cost=cost)
+
+    task = next(task for task in tasks_of(case, Run()) if task.method.name == "bem")
+    method = replace(METHODS["bem"], solve=solve)
+    scene = case.scene(task.recipe)
+    result = solve_path(replace(task, method=method), scene, 1)
+    path = (2e8, 5e8, 1e8, 6e8)
+    hardnesses = [
+        case.cap_at(case.surface.rms_slope, peak) for peak in (2e8, 5e8, 5e8, 6e8)
+    ]
+    assert len({mapped.value for mapped in hardnesses}) == 3
+    assert [step.mean_pressure for step in result.steps] == [*path]
+    for step, load, mapped in zip(result.steps, path, hardnesses, strict=True):
+        assert step.quantities["hardness"] == pytest.approx(mapped.value)
+        assert step.areas["raw"].total == pytest.approx(load / mapped.value)
+        low, high = mapped.interval
+        half = (1 / low - 1 / high) / 2
+        errors = vars(step.areas["hardness_error"])
+        assert errors == pytest.approx(
+            {"total": load * half, "elastic": 0.75 * load * half}
+            | {"plastic": 0.25 * load * half}
+        )
+        gap_error = step.quantities["mean_gap_error_by_hardness"]
+        assert gap_error == pytest.approx(1e3 * half)
+        error = mapped.value * mapped.error
+        assert step.quantities["hardness_error_by_map"] == pytest.approx(error)
+    assert result.cost["seconds"] == 4.0
+    assert result.provenance.scene == scene.digest
+
+
+def test_surfaces_and_sizes_have_keys_of_their_own(tmp_path):
+    """Each surface of a case has another key, and so has each surface at another size;
+    a result without a quantity that is asked for later is not taken.
+    """
+    (tmp_path / "small.toml").write_text(SMALL_CASE)
+    keys = []
+    for size in ("fast", "full"):
+        case = load_case(tmp_path / "small.toml", size)
+        tasks = [task for task in tasks_of(case, Run()) if task.method.name == "bem"]
+        keys += [saved.key_of(task) for task in tasks]
+    assert len(set(keys)) == 6
+    task = replace(tasks[0], extra_quantities=("quantity.conductance",))
+    saved.save_result(tasks[0], tmp_path, result_of(1.0, (5e8,)))
+    assert saved.load_saved(tasks[0], tmp_path) is not None
+    assert saved.load_saved(task, tmp_path) is None
