@@ -14,6 +14,7 @@ import pytest
 
 from epcontact import bem, persson
 from epcontact.errors import StudyUnavailable
+from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.persson.validity import GAMMA, expected_errors
 from epcontact.reference import conductance as laws
@@ -27,6 +28,7 @@ from epcontact.studies import (
     peers,
     save_charts,
     theory,
+    time_to_answer,
 )
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, root_mean_square, tabulate
@@ -74,6 +76,7 @@ SMALL: dict[str, dict[str, Any]] = {
         "hardnesses": (0.16,),
     },
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
+    "time": {"sides": (64,)},
     "treatment": {"points": (24,), "seeds": (2,), "tiles": 2}
     | {"kinds": ("rolled off", "turned")},
     "validity": {"points": (6, 8)},
@@ -588,3 +591,40 @@ def test_installed_peers_find_the_same_areas(law):
     assert all(
         row["agrees"] for row in peers.race(law, 8, peers.installed(), Worker().call)
     )
+
+
+# --- time to answer -------------------------------------------------------------------
+
+
+def test_the_time_of_a_command_is_split_by_differences_of_runs(monkeypatch, tmp_path):
+    """Start and solving are timed alone; the other parts are differences of runs."""
+    seconds = {
+        "time.toml --jobs 1": 3.0,
+        "time.toml --jobs 1 --fresh --fields none": 5.0,
+        "time.toml --jobs 1 --fresh": 5.5,
+        "time.toml --jobs 1 --charts": 4.25,
+        "import epcontact.cli.run_and_verify": 1.0,
+    }
+
+    def processor_seconds(folder, *arguments):
+        """Return the seconds of a command by its last words."""
+        text = " ".join(arguments)
+        return next(s for words, s in seconds.items() if text.endswith(words))
+
+    monkeypatch.setattr(time_to_answer, "_processor_seconds", processor_seconds)
+    monkeypatch.setattr(time_to_answer, "timed", lambda _: (None, (9.0, 1.5)))
+    assert time_to_answer.parts_of_time(tmp_path, 16) == {
+        "start": 1.0,
+        "solving": 1.5,
+        "measuring": 2.5,
+        "writing": 0.5,
+        "drawing": 1.25,
+    }
+    table = drawn("time", 1).set_index("series")["processor_time"]
+    assert table["total"] == pytest.approx(table.drop("total").sum())
+    assert table["start"] > table["solving"]
+    scene = load_case(find_named(tmp_path / "time.toml")[0], "fast")
+    exact = scenes.rough_scene(4, 7, 4)
+    built = scene.scene(scene.recipes[0])
+    assert np.array_equal(built.surface.heights, exact.surface.heights)
+    assert built.load == exact.load

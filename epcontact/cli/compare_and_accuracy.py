@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from epcontact.cli.main import print_text
+from epcontact.cli.progress import show_progress
 from epcontact.cli.terminal import (
     new_table,
     open_console,
@@ -129,8 +130,9 @@ def accuracy(
 
     The arguments are those of `commands.accuracy`.
     """
-    rows = ledgers.read_rows(folders)
-    ledger = ledgers.ledger(rows)
+    with show_progress("accuracy"):
+        rows = ledgers.read_rows(folders)
+        ledger = ledgers.ledger(rows)
     if table is not None:
         ledgers.write_table(ledger, table)
     if saved is not None:
@@ -152,7 +154,8 @@ def accuracy(
     print_rows(open_console(), headings, cells)
     if charts is not None:
         names = tuple(map(str, folders))
-        drawn = STUDIES["accuracy"].run(folders=names, known=rows)
+        with show_progress("accuracy"):
+            drawn = STUDIES["accuracy"].run(folders=names, known=rows)
         for path in save_charts("accuracy", drawn, charts):
             print_text(path)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from epcontact.cli.main import print_text
+from epcontact.cli.progress import show_progress
 from epcontact.crosscheck.report import crosscheck as check_models
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_case, load_case
@@ -26,7 +27,9 @@ def crosscheck(case: str, size: str, seeds: str | None, steps: int | None) -> No
     numbers = range(0)
     if seeds is not None:
         numbers = _seeds(seeds)
-    print_text(check_models(loaded, numbers, steps=steps))
+    with show_progress("crosscheck"):
+        text = check_models(loaded, numbers, steps=steps)
+    print_text(text)
 
 
 def _seeds(text: str) -> range:
@@ -57,4 +60,6 @@ def export(case: str, file: Path, size: str) -> None:
     if not loaded.recipes:
         raise InvalidCase(f"{loaded.path}: {loaded.skip}")
     options = loaded.fem.model_dump(exclude_none=True)
-    print_text(calculix.export(loaded.scene(loaded.recipes[0]), file, options))
+    with show_progress("export"):
+        text = calculix.export(loaded.scene(loaded.recipes[0]), file, options)
+    print_text(text)

@@ -96,7 +96,8 @@ class ProgressLine:
         """
         task = self.bar.tasks[self._line]
         if task.total is None:
-            return f"{self._command}: reading"
+            passed = timedelta(seconds=math.floor(task.elapsed or 0))
+            return f"{self._command}: running for {passed}"
         text = f"{self._command}: {int(task.completed)} of {int(task.total)}"
         if task.description != self._command:
             text += f", {task.description}"

@@ -52,13 +52,15 @@ def view(
         save_map(viewing.find_result(result), contact_map)
         print_text(f"map in {contact_map}")
     if film is not None:
-        viewing.animate([result], film, factor=factor)
+        with show_progress("view"):
+            viewing.animate([result], film, factor=factor)
         print_text(f"film in {film}")
     if screenshot is not None:
-        if against is None:
-            viewing.screenshot(result, screenshot, factor=factor)
-        else:
-            viewing.compare(result, against, screenshot)
+        with show_progress("view"):
+            if against is None:
+                viewing.screenshot(result, screenshot, factor=factor)
+            else:
+                viewing.compare(result, against, screenshot)
         print_text(f"picture in {screenshot}")
     if screenshot is None and contact_map is None and film is None:
         viewing.show(result, factor=factor)

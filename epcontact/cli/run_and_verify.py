@@ -388,7 +388,8 @@ def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Non
     # Charts take long to load.
     from epcontact.pictures.folder import draw_case
 
-    pictures = draw_case(case, results, case.folder(output), vector=True)
+    with show_progress("run"):
+        pictures = draw_case(case, results, case.folder(output), vector=True)
     for sentence in pictures.missing:
         print_error(f"epcontact: {sentence}")
 

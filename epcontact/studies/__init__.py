@@ -16,6 +16,7 @@ from epcontact.studies import (  # noqa: F401
     hardness,
     peers,
     theory,
+    time_to_answer,
     treatment,
     validity,
 )
