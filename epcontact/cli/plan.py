@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from tempfile import TemporaryDirectory
 
@@ -11,6 +12,7 @@ from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import Case, find_case, load_case
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.verification import verify
+from epcontact.results import factor_to_95
 
 
 def plan(
@@ -34,13 +36,16 @@ def plan(
         loaded, _fraction(tolerance), parts=parts, progress=print_error
     )
     print_text(f"{chosen.case}: {_model(chosen)}, {chosen.areas} areas")
-    for sentence in (*chosen.reasons, *_caveats(loaded, chosen), *chosen.notes):
+    sentences = [*chosen.reasons, *chosen.notes]
+    if loaded.mapped_hardness:
+        sentences.insert(len(chosen.reasons), str(loaded.mapped_hardness))
+    for sentence in sentences:
         print_text(f"  {sentence}")
     print_text(
-        f"  expected: error {100 * chosen.expected_error:.2g} %, "
-        f"work {chosen.work:.3g} (grid points times transforms); the case as it is "
+        f"  work {chosen.work:.3g} (grid points times transforms); the case as it is "
         f"takes {chosen.given_work:.3g}"
     )
+    print_text(f"  expected: {_expected(loaded, chosen)}")
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
@@ -59,24 +64,27 @@ def _model(chosen: planning.Plan) -> str:
     return f"{chosen.method}, {grid} points, {surfaces}"
 
 
-def _caveats(case: Case, chosen: planning.Plan) -> list[str]:
-    """Return sentences on errors that the plan of a case leaves out.
+def _expected(case: Case, chosen: planning.Plan) -> str:
+    """Return the expected error of the area with all its parts, as `run` reports it.
 
-    These are the error of the treatment of a map's edges, and that of a hardness which
-    was looked up for a J2 body.  The list may be empty.
+    The plan bounds the parts by the model and by the scatter of surfaces.  The
+    treatment of a map's edges and a hardness that was looked up for a J2 body come on
+    top: no grid makes them smaller.  Each part is half the width of a 95 % interval,
+    relative to the area.
     """
-    sentences = []
-    if any("treatment of the edges" in note for note in chosen.notes):
-        sentences.append(
-            "the plan is for the error of the grid; what the edges may change comes on "
-            "top"
-        )
+    model = "grid" if chosen.on_grid else "theory"
+    parts = {model: chosen.grid_error * factor_to_95(model)}
+    if len(chosen.recipes) > 1 or chosen.scatter:
+        parts["scatter of surfaces"] = chosen.scatter
+    if chosen.on_grid and any("treatment of the edges" in n for n in chosen.notes):
+        errors = chosen.recipes[0].build().treatment_errors
+        parts["edges of the map"] = errors["total_area"] * factor_to_95("treatment")
     if case.mapped_hardness:
-        sentences.append(str(case.mapped_hardness))
-        sentences.append(
-            "the plan takes this hardness as exact; its own uncertainty comes on top"
-        )
-    return sentences
+        # Where all of the contact flows, the area is the load over the hardness.
+        parts["hardness at most"] = case.mapped_hardness.error
+    total = math.hypot(*parts.values())
+    listed = ", ".join(f"{name} {100 * error:.2g} %" for name, error in parts.items())
+    return f"area ± {100 * total:.2g} % at 95 %: {listed}"
 
 
 def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
