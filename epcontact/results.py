@@ -180,7 +180,8 @@ class LoadStep:
         values = {"mean_pressure": self.mean_pressure}
         for name, value in self.quantities.items():
             values[name.replace(".error", "_error_by_grid")] = value
-        if values.get("flowed_share") == self.areas["raw"].plastic:
+        raw = self.areas.get("raw")
+        if raw is not None and values.get("flowed_share") == raw.plastic:
             del values["flowed_share"]  # the plastic area says the same
         for part, area in vars(self.best_areas).items():
             values[f"{part}_area"] = area

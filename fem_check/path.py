@@ -193,7 +193,11 @@ def _path_point(
     if problem.capped:
         mean = float(lowered.mean())
         hardness = problem.cap / problem.block.node_area
-        flow = {"mean_plastic_displacement": mean, "plastic_work": hardness * mean}
+        flow = {
+            "mean_plastic_displacement": mean,
+            "flowed_share": np.count_nonzero(lowered) / lowered.size,
+            "plastic_work": hardness * mean,
+        }
     gap = problem.gap(state.displacement, state.approach)
     return PathPoint(
         mean_pressure=pressure,

@@ -358,6 +358,9 @@ def test_finite_elements_have_all_figures_of_every_load(write_case, tmp_path):
         assert step.row["stiffness_unloading"] == pytest.approx(stiffness, rel=1e-6)
         names = {"conductance", "contact_percolation", "gap_percolation"}
         assert names <= step.row.keys()
+    flowed = result.steps[1].areas["raw"].plastic
+    shares = [step.row.get("flowed_share") for step in result.steps]
+    assert shares == [None, None, flowed, flowed]
     metal = replace(scene.material, hardness=np.inf, yield_stress=2e9)
     eased = replace(scene, material=metal, load=Load((5e8, 2e8, 5e8)))
     rows = load_rows([fem_check.solve(eased, law="j2", layers=6, certified=False)])
