@@ -8,6 +8,7 @@ import itertools
 import json
 import pickle
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -19,8 +20,9 @@ import epcontact
 import fem_check
 from epcontact import bem, effective_hardness
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.case_files.model import MeasuredColumn
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.solving import load_path, run, saved
+from epcontact.harness.solving import load_path, measure, run, saved
 from epcontact.harness.solving.method_results import MethodResults, load_rows
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run, tasks_of
@@ -47,6 +49,11 @@ AREA = (
     'against = "persson"\ntolerance = 0.5',
     'against = 0.1\nsource = "none"\ntolerance = 5.0',
 )
+
+
+CONDUCTING = "thermal_conductivities = [16.0, 50.0]"
+MEASURED_COLUMNS = get_args(MeasuredColumn)
+MEASURED = set(MEASURED_COLUMNS)
 
 
 @pytest.fixture(scope="module")
@@ -227,6 +234,39 @@ def test_the_load_at_which_the_gap_closes_is_between_its_neighbours():
     assert "yes on 1, no on 1 of 2 surfaces at 4 MPa" in sentence.replace(
         "no on 1, yes on 1", "yes on 1, no on 1"
     )
+
+
+def test_columns_of_a_large_grid_are_measured_where_a_case_asks_for_them(
+    ran, write_case, tmp_path, monkeypatch
+):
+    """On a grid that counts as large, no column is measured and a sentence names them;
+    the key `columns`, or conductivities, measure those that a case asks for.
+
+    Their values are those of the same case on a grid that counts as small.
+    """
+    seeds = ("[3, 5, 7]", "[3, 5]")
+    monkeypatch.setattr(measure, "_LARGEST_GRIDS", dict.fromkeys(MEASURED, 0))
+    none = load_case(write_case(BEM, AREA, PATH, seeds))
+    results = run_cases([none], Run(tmp_path / "none", jobs=1))["small"]["bem"].results
+    assert not MEASURED & load_rows(results)[0].keys()
+    asked = {"gap_percolation", "stiffness_unloading"}
+    change = ("[case]\n", f"[case]\ncolumns = {json.dumps(sorted(asked))}\n")
+    some = load_case(write_case(BEM, AREA, PATH, seeds, change))
+    results = run_cases([some], Run(tmp_path / "some", jobs=1))["small"]["bem"].results
+    rows = load_rows(results)
+    for row, expected in zip(rows, ran[2]["loads"], strict=True):
+        assert MEASURED & row.keys() == asked
+        for column in asked:
+            assert row[column]["mean"] == expected[column]["mean"]
+    left_out = "stiffness_loading, conductance, contact_percolation"
+    sentence = measure.left_out_sentence(some)
+    assert f"{left_out}; columns = [" in sentence
+    conducts = ("hardness = 6.0e9", "hardness = 6.0e9\n" + CONDUCTING)
+    conducting = load_case(write_case(BEM, AREA, conducts))
+    assert "conductance" not in measure.left_out_sentence(conducting)
+    monkeypatch.undo()
+    assert measure.left_out_sentence(none) == ""
+    assert measure.columns_left_out(none, 2**20 + 1) == [*MEASURED_COLUMNS[:3]]
 
 
 LONG_PATH = (

@@ -27,6 +27,8 @@ from epcontact.harness.case_files.case import (
     find_named,
     load_case,
 )
+from epcontact.harness.methods.registry import METHODS
+from epcontact.harness.solving.measure import left_out_sentence
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Progress, Run
@@ -139,11 +141,12 @@ def _fields_of_run(fields: str) -> str:
 
 
 def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> list[str]:
-    """Return the sentences on the models that `epcontact run` prints below its table.
+    """Return the sentences that `epcontact run` prints below its table.
 
     They are about the theory's energy reduction gamma, the theory's error by the map of
-    its errors (if another method is solved, too), and a hardness that was looked up for
-    a J2 body.  A sentence that does not apply is left out.
+    its errors (if another method is solved, too), a hardness that was looked up for a
+    J2 body, and the columns that are left out on a large grid.  A sentence that does
+    not apply is left out.
 
     Args:
         case: The case.
@@ -154,6 +157,8 @@ def _sentences_on_models(case: Case, results: Mapping[str, MethodResults]) -> li
         for result in results["persson"].results[:1]:
             sentences.append(result.notes[-1])
     sentences.append(str(case.told_hardness or ""))
+    if any(METHODS[name].has_fields for name in results):
+        sentences.append(left_out_sentence(case))
     return [sentence for sentence in sentences if sentence]
 
 

@@ -73,6 +73,16 @@ MethodName = Annotated[
 ]
 
 
+#: Columns of the table of loads that the harness measures on the fields of a load.
+MeasuredColumn = Literal[
+    "stiffness_loading",
+    "stiffness_unloading",
+    "conductance",
+    "contact_percolation",
+    "gap_percolation",
+]
+
+
 class CaseTable(Table):
     """[case]: the requirement, its source, and the methods."""
 
@@ -88,6 +98,11 @@ class CaseTable(Table):
     )
     time_limit: float = key(
         "s; processor time of each thread after which a solve is stopped", 900.0, gt=0
+    )
+    columns: list[MeasuredColumn] = key(
+        "columns of the table of loads that are measured on any grid; else stiffness "
+        "and conductance up to 2^20 points, percolation up to 2^22",
+        [],
     )
     verify: bool = key("whether a bare `epcontact verify` includes the case", True)
 
@@ -544,11 +559,13 @@ class Case(Table):
     def lists_loads(self) -> bool:
         """Whether a verification measures and prints each load.
 
-        It does so for a path, for a measured map, for conductances, and under an
-        effective hardness, whose interval is a part of the error of each value.
+        It does so for a path, for a measured map, for conductances, for the columns
+        that the case asks for, and under an effective hardness, whose interval is a
+        part of the error of each value.
         """
         return (
             len(self.load.path) > 1
+            or bool(self.head.columns)
             or isinstance(self.surface, surfaces.HeightsFromFile)
             or bool(self.conductances)
             or self.solid.hardness == "effective"

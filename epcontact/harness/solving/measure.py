@@ -7,7 +7,7 @@ was solved, so some quantities are measured at each load.
 | what                                    | when         | if it is undefined     |
 |-----------------------------------------|--------------|------------------------|
 | `QUANTITIES_OF_EACH_LOAD`, if the task  | at each load | it is left out, such   |
-| lists its loads and the grid is small   |              | as a layer's conductance |
+| lists its loads (`columns_left_out`)    |              | as a layer's conductance |
 | fractions on filled heights, if the     | at each load | they are left out      |
 | surface has such heights                |              |                        |
 | `quantity.measured_*` that gates read,  | at each load; gates read | the task fails |
@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from epcontact.errors import InvalidCase, NotConverged
+from epcontact.harness.case_files.case import Case
 from epcontact.harness.quantities.filled import FILLED
 from epcontact.harness.quantities.registry import QUANTITIES, measure_on
 from epcontact.harness.quantities.solved_scene import SolvedScene
@@ -42,9 +43,16 @@ QUANTITIES_OF_EACH_LOAD = tuple(
     for name in (f"quantity.{column}", f"quantity.{column}.error")
     if name in QUANTITIES and QUANTITIES[name].measure
 )
-#: The largest number of grid points with a table of measured quantities: they take a
-#: linear solve on the contact.
-_LARGEST_GRID = 2**22
+#: The largest numbers of grid points on which columns are measured without a request.
+#: A stiffness takes a linear solve on the contact, which is a fifth of a solve of the
+#: contact; a percolation takes an eighth and 12 bytes a point.
+_LARGEST_GRIDS: dict[str, int] = {
+    "stiffness_loading": 2**20,
+    "stiffness_unloading": 2**20,
+    "conductance": 2**20,
+    "contact_percolation": 2**22,
+    "gap_percolation": 2**22,
+}
 
 
 @dataclass
@@ -106,13 +114,50 @@ def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
         for name in task.measured:
             if _is_check(name):
                 yield Measurement(name, "fail")
-    if task.lists_loads and scene.surface.heights.size <= _LARGEST_GRID:
+    if task.lists_loads:
+        left_out = columns_left_out(task.case, scene.surface.heights.size)
         for name in QUANTITIES_OF_EACH_LOAD:
-            if name not in FILLED:
+            column = name.removeprefix("quantity.").removesuffix(".error")
+            if name not in FILLED and column not in left_out:
                 yield Measurement(name, "leave out")
     if task.method.has_fields and scene.surface.filled is not None:
         for name in FILLED:
             yield Measurement(name, "leave out")
+
+
+def columns_left_out(case: Case, points: int) -> list[str]:
+    """Return the columns of the table of loads that are not measured on a large grid.
+
+    These take longer than a tenth of a solve there.  A column that the case asks for is
+    not among them: by `columns`, or the conductance by the conductivities of the
+    bodies.
+
+    Args:
+        case: the case.
+        points: the number of points of its grid.
+    """
+    requested: set[str] = set(case.head.columns)
+    if case.conductances:
+        requested.add("conductance")
+    return [
+        column
+        for column, largest_grid in _LARGEST_GRIDS.items()
+        if points > largest_grid and column not in requested
+    ]
+
+
+def left_out_sentence(case: Case) -> str:
+    """Return a sentence on the columns that are not measured on the grid of a case,
+    with the key that measures them; "" if all are measured.
+    """
+    columns = columns_left_out(case, math.prod(case.recipes[0].shape))
+    if not columns:
+        return ""
+    listed = ", ".join(columns)
+    return (
+        f"not measured on a grid of this size, because it takes long: {listed}; "
+        f'columns = ["{columns[0]}"] in [case] measures it all the same'
+    )
 
 
 def at_the_end(task: Task) -> Iterator[Measurement]:

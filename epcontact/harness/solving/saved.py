@@ -86,6 +86,7 @@ def key_of(task: Task) -> str:
         "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
+        "columns": sorted(task.case.head.columns),
         "mapped": repr((task.case.mapped, task.case.conductances)),
         "basis": software_versions(),
     }
