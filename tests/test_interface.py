@@ -1,10 +1,12 @@
 """Stiffness, conductance, patches and percolation of a contact under load."""
 
+import itertools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from laboratory import patches
 from scipy.ndimage import label
 
 from epcontact import (
@@ -175,7 +177,8 @@ def test_error_estimates_cover_the_errors_of_limits():
     """At least 80 % of the errors against a grid four times as fine are within their
     estimates, on surfaces that were used to fit no constant.
 
-    At most half of the errors are within a tenth of the estimates.
+    At most half of the errors are within a tenth of the estimates, and of percolation
+    at most six of ten.
     """
     spectrum = replace(SPECTRUM, wavenumber_high=24 * math.pi)
     names = ("conductance", "stiffness_loading", "contact_percolation")
@@ -198,7 +201,7 @@ def test_error_estimates_cover_the_errors_of_limits():
         rows.append((error, raw_error, coarse[:, 2]))
     error, raw_error, estimate = np.moveaxis(rows, 1, 0)
     assert ((error <= estimate).mean(axis=0) >= 0.8).all()
-    assert ((error <= estimate / 10).mean(axis=0) <= 0.5).all()
+    assert ((error <= estimate / 10).mean(axis=0) <= (0.5, 0.5, 0.6)).all()
     conductance = names.index("conductance")
     median = np.median(error[:, conductance])
     assert median < 0.7 * np.median(raw_error[:, conductance])
@@ -442,6 +445,47 @@ def test_a_line_percolates_when_all_of_it_touches():
     assert find_patches(np.arange(8) >= 0).spans
 
 
+def test_errors_hold_where_one_saddle_decides():
+    """At least nine of ten errors of spheres and ground surfaces are within the
+    estimates, which are less than a tenth of the area.
+    """
+    rows = patches.of_kinds(("spheres", "ground"), range(5100, 5104))
+    assert (rows["error"] <= rows["estimate"]).mean() >= 0.9
+    assert rows["estimate"].median() < 0.03
+    assert rows["estimate"].max() < 0.2
+
+
+def test_the_error_of_percolation_has_three_parts():
+    """The error joins sides and corners, every second point, and a grid twice as fine.
+
+    The fine grid has the waves themselves instead of interpolated midpoints; they have
+    five points or more on the coarse one.
+    """
+
+    def field(points):
+        """Return ten waves (points, points) with random phases."""
+        random = np.random.default_rng(6)
+        x = np.arange(points) / points
+        heights = np.zeros((points, points))
+        for i, j in itertools.product(range(-6, 7, 3), range(0, 7, 3)):
+            amplitude = random.uniform()
+            phase = 2 * np.pi * (i * x[:, None] + j * x + random.uniform())
+            heights += amplitude * np.cos(phase)
+        return heights
+
+    coarse = field(32)
+    limit = percolation_fraction(coarse)
+    seconds = [
+        percolation_fraction(coarse[i::2, j::2]).corrected - limit.corrected
+        for i, j in itertools.product((0, 1), repeat=2)
+    ]
+    grid = math.hypot(limit.raw - limit.corrected, np.std(seconds), np.mean(seconds))
+    change = percolation_fraction(field(64)).corrected - limit.corrected
+    assert abs(change) > 0.4 * grid
+    by_hand = math.hypot(1.5 * grid, 2 * change)
+    assert limit.error == pytest.approx(by_hand, rel=0.02)
+
+
 def test_noise_percolates_at_the_thresholds_of_the_square_lattice():
     """Independent sites that connect over their sides percolate at .5927.
 
@@ -453,4 +497,4 @@ def test_noise_percolates_at_the_thresholds_of_the_square_lattice():
         limit = percolation_fraction(noise)
         assert limit.raw == pytest.approx(0.5927, abs=0.02)
         assert limit.corrected == pytest.approx(0.5, abs=0.02)
-        assert limit.error == pytest.approx(0.0927, abs=0.03)
+        assert limit.error == pytest.approx(1.5 * 0.0927, abs=0.03)
