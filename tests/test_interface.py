@@ -20,7 +20,8 @@ from epcontact import (
     Surface,
     bem,
 )
-from epcontact.harness.quantities.registry import measure, measure_all
+from epcontact.harness.quantities.registry import measure, measure_all, measure_on
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.interface import (
     contact_conductance,
     find_patches,
@@ -416,6 +417,18 @@ def test_points_percolate_when_labels_of_many_periods_do(shape, steps):
         assert limit.raw == first[False] / field.size
         mean = sum(first.values()) / 2 / field.size
         assert limit.corrected == pytest.approx(mean, rel=1e-14)
+
+
+def test_measured_values_are_the_same_on_any_number_of_threads():
+    """Stiffness and percolation on two threads have the bits of those on one."""
+    scene = Scene(ROUGH, Material(1.0, 0.3, hardness=0.03), Load(0.008))
+    result = bem.solve(scene, threads=1)
+    for name in ("stiffness_loading", "contact_percolation", "gap_percolation"):
+        values = [
+            measure_on(SolvedScene(scene, result, threads), f"quantity.{name}")
+            for threads in (1, 2)
+        ]
+        assert values[0] == values[1]
 
 
 def test_points_that_have_flowed_percolate_in_the_order_of_their_depth():

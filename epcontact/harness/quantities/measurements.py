@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from epcontact import interface
+from epcontact.bem.workers import Workers
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.quantities.registry import quantity
 from epcontact.harness.quantities.solved_scene import SolvedScene
@@ -279,12 +280,22 @@ def _closeness(solved: SolvedScene) -> Any:
     return np.subtract(closeness, gap / height, out=closeness, where=by_gap)
 
 
+def _percolations(solved: SolvedScene) -> list[interface.Limit]:
+    """Return the fractions at which the contact and the gap percolate.
+
+    Both are computed at the same time, if the measurement may use two threads.
+    """
+    closeness = _closeness(solved)
+    with Workers(min(solved.threads, 2)) as workers:
+        return workers.each(interface.percolation_fraction, [closeness, -closeness])
+
+
 @_limit("–")
 def contact_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the closest points first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(solved.once(_closeness))
+    return solved.once(_percolations)[0]
 
 
 @_limit("–")
@@ -292,4 +303,4 @@ def gap_percolation(solved: SolvedScene) -> interface.Limit:
     """share of the nominal area, the widest gaps first, that first connects across a
     period.
     """
-    return interface.percolation_fraction(-solved.once(_closeness))
+    return solved.once(_percolations)[1]
