@@ -40,7 +40,7 @@ TOKENS = {
     "epcontact.interface": 4_078,
     "epcontact.machine": 1_374,
     "epcontact.materials": 1_664,
-    "epcontact.output": 17_107,
+    "epcontact.output": 17_133,
     "epcontact.peers": 5_291,
     "epcontact.persson": 13_560,
     "epcontact.pictures": 4_409,

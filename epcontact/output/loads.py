@@ -46,7 +46,7 @@ def load_cells(
         means = [float(row[name]["mean"]) for row in rows if name in row]
         if means:
             scales[name], prefixed_unit = column_unit(means, unit)
-            heading = name.replace("_", " ")
+            heading = words_of_column(name)
             if prefixed_unit:
                 heading += f" ({prefixed_unit})"
             headings.append(heading)
@@ -67,6 +67,18 @@ def difference_text(difference: float) -> str:
     if difference < _ROUNDING:
         return "< 0.0001 %"
     return f"{100 * difference:.2g} %"
+
+
+def words_of_column(name: str) -> str:
+    """Return a name of COLUMNS in words.
+
+    The flowed share is a fraction of grid points, and a little smaller than the plastic
+    area of the largest load, which is a limit of fine grids; its words say so.
+    """
+    words = name.replace("_", " ")
+    if name == "flowed_share":
+        words += " of grid points"
+    return words
 
 
 def column_unit(values: Sequence[float], unit: str) -> tuple[float, str]:

@@ -12,7 +12,7 @@ import pandas as pd
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS, unit_for
-from epcontact.output.loads import Row, column_unit
+from epcontact.output.loads import Row, column_unit, words_of_column
 from epcontact.results import COLUMNS
 
 
@@ -121,7 +121,7 @@ def _points_of_load(method: str, row: Row) -> Iterator[dict[str, Any]]:
                 yield {
                     "chart": chart_name,
                     "method": method,
-                    "quantity": words.replace("_", " "),
+                    "quantity": words_of_column(words),
                     "branch": row["branch"],
                     "mean_pressure_Pa": float(row["mean_pressure"]["mean"]),
                     "value": mean,

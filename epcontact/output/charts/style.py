@@ -24,7 +24,7 @@ STATE_COLOURS = {
     APART: "#ffffff",
     ELASTIC: "#f0c419",
     PLASTIC: "#000000",
-    FLATTENED: "#6f9fc8",
+    FLATTENED: "#4a7fb0",
 }
 STATE_NAMES = {
     APART: "apart",
