@@ -19,6 +19,7 @@ from laboratory.trial_map import trial_map
 
 from epcontact.cli.main import COMMANDS
 from epcontact.harness.workers import executor_from
+from epcontact.surfaces.treatment import remove_form
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = [
@@ -215,8 +216,8 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch):
 
 
 def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_path):
-    """On a map with tilt, holes and spikes it finds the areas of the map without any of
-    them.
+    """On a map with tilt, holes, also on summits, and spikes it finds the areas of the
+    map without any of them, and that the gap leaks.
     """
     case, python, commands = (
         blocks(language, ".docs/tutorial.md") for language in ("toml", "python", "bash")
@@ -224,6 +225,8 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
     lines = [line for text in commands for line in text.splitlines()]
     assert len(lines) <= 10
     clean, faulty = (trial_map(n, holes=n > 0)[:120, :90] for n in (0, 25))
+    level = remove_form(clean, 1)
+    faulty[level > np.quantile(level, 0.9985)] = np.nan
     outputs = {}
     for name, heights in (("clean", clean), ("faulty", faulty)):
         folder = tmp_path / name
@@ -240,6 +243,9 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
         r"heights are outliers.*: removed, at \(", " ".join(outputs["faulty"].split())
     )
     assert "outliers" not in outputs["clean"]
+    for output in outputs.values():
+        answer = " ".join(output.split())
+        assert "The gap connects across the surface: yes at" in answer
     loads = {}
     for name in outputs:
         result = tmp_path / name / "results/joint/fast/bem.json"
@@ -250,6 +256,7 @@ def test_the_tutorial_leads_from_an_instrument_s_file_to_the_right_table(tmp_pat
         assert {"grid", "treatment", "form", "missing", "hardness"} == area[
             "parts"
         ].keys()
+        assert 0 < row["filled_load"]["mean"] < 0.1
         deviation = abs(area["mean"] - true["total_area"]["mean"])
         assert deviation < min(area["error"], 0.01 * area["mean"])
         assert row["mean_gap"]["mean"] == pytest.approx(
