@@ -25,6 +25,7 @@ from conftest import ROUGH
 from rich.console import Console
 
 from epcontact.cli import list_cases, main, progress
+from epcontact.cli.ascii_forms import ASCII_FORMS, encodable
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.progress import ProgressLine, show_progress
 from epcontact.cli.tables import results_table, verdict_table
@@ -78,10 +79,8 @@ def test_schemas_and_commands_are_listed():
         assert f"{name} {(command.help or '').partition(chr(10))[0]}" in listed
 
 
-def test_an_output_without_greek_letters_shows_a_question_mark():
-    """On a terminal with the encoding cp1252, Greek letters are shown as question
-    marks.
-    """
+def test_an_output_without_greek_letters_has_their_names():
+    """An output with the encoding cp1252 has names of Greek letters."""
     done = python(
         "-m",
         "epcontact",
@@ -90,7 +89,40 @@ def test_an_output_without_greek_letters_shows_a_question_mark():
         env=os.environ | {"PYTHONIOENCODING": "cp1252"},
     )
     assert done.returncode == 0, done.stderr
-    assert "at E*?/?_Y = 5" in done.stdout
+    assert "at E*xi/sigma_Y = 5" in done.stdout
+
+
+def test_no_word_is_lost_in_ascii(monkeypatch):
+    """In ASCII a table has "+-" and "um" and stays aligned, and a letter with an accent
+    loses it; a character without a form is a question mark.
+    """
+    words = "5 ± 1 µm, E*ξ/σ_Y ≤ 3 × 10², Wang–Müser … √2 漢"
+    forms = "5 +- 1 um, E*xi/sigma_Y <= 3 x 10^2, Wang-Muser ... sqrt2 ?"
+    assert encodable(words, "ascii") == forms
+    assert encodable(words, None) == words
+    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors=ASCII_FORMS)
+    monkeypatch.setattr(sys, "stdout", out)
+    table = new_table(("area ± 95 %",), ("band",))
+    table.add_row("0.1 ± 0.01", "1")
+    table.add_row("0.1", "2")
+    Console(width=80, file=out).print(table)
+    out.flush()
+    heading, first, second = out.buffer.getvalue().decode("ascii").splitlines()
+    assert heading.split() == ["area", "+-", "95", "%", "band"]
+    assert first.split() == ["0.1", "+-", "0.01", "1"]
+    assert first.rindex("1") == second.index("2")
+
+
+def test_a_verdict_without_colour_has_its_words(monkeypatch, capsys):
+    """NO_COLOR and a dumb terminal take the colours of statuses, not their words."""
+    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb"), ("FORCE_COLOR", "1")):
+        monkeypatch.setenv(name, value)
+        console = Console(width=100)
+        console.print(text_of("falls short", "bold red"))
+        said = capsys.readouterr().out
+        assert "falls short" in said
+        assert "\x1b[31m" not in said
+        assert ";31" not in said
 
 
 @pytest.mark.parametrize(

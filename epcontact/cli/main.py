@@ -21,6 +21,7 @@ from typing import TextIO
 import click
 
 from epcontact.cli import commands
+from epcontact.cli.ascii_forms import ASCII_FORMS
 from epcontact.cli.commands import COMMANDS, EXAMPLES
 from epcontact.errors import (
     EpcontactError,
@@ -96,7 +97,7 @@ def main() -> None:
 def _prepare_streams() -> None:
     """Replace closed standard streams by the null device.
 
-    All streams also write "?" for characters that their encoding lacks.
+    All streams also write ASCII forms of characters that their encoding lacks.
     """
     for name in ("stdin", "stdout", "stderr"):
         stream = getattr(sys, name)
@@ -106,7 +107,7 @@ def _prepare_streams() -> None:
             os.set_inheritable(null, True)
             setattr(sys, name, os.fdopen(null, "w"))
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors=ASCII_FORMS)
 
 
 def _run(output: TextIO) -> int:

@@ -7,6 +7,7 @@ neither style the output nor send commands to the terminal.  Single lines are pr
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
+from epcontact.cli.ascii_forms import encodable
 from epcontact.errors import without_controls
 
 #: The fewest columns of a terminal at which rows with long texts are a table.
@@ -34,7 +36,9 @@ def text_of(words: object, style: str = "") -> Text:
         words: What is printed; anything but a string is converted by `str`.
         style: Style of the whole text in the terms of rich, such as "bold red".
     """
-    return Text(without_controls(str(words)), style)
+    # Here, and not only when the stream is written, because "+-" is wider than "±".
+    encoding = getattr(sys.stdout, "encoding", None)
+    return Text(encodable(without_controls(str(words)), encoding), style)
 
 
 def open_console(pipe: int = _PIPE) -> Console:
@@ -66,9 +70,9 @@ def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
         texts: Headings of columns that are aligned left.
         numbers: Headings of the columns after them, which are aligned right.
     """
-    columns = [Column(heading, overflow="fold", justify="left") for heading in texts]
+    columns = [Column(text_of(h), overflow="fold", justify="left") for h in texts]
     for heading in numbers:
-        columns.append(Column(heading, overflow="fold", justify="right"))
+        columns.append(Column(text_of(heading), overflow="fold", justify="right"))
     return _WordsTable(*columns, box=None, pad_edge=False)
 
 
