@@ -125,6 +125,8 @@ def test_the_picture_of_a_page_is_small_and_has_the_colours_of_the_chart(files):
         assert len(small.getcolors()) <= 20
         difference = np.asarray(small, float) - np.asarray(chart.reduce(2), float)
         assert np.abs(difference).mean() < 4
+        # No colour of a scale is drawn in another one.
+        assert np.mean(np.abs(difference).max(axis=2) > 64) < 1e-3
 
 
 def test_many_cases_are_drawn_in_processes(files, monkeypatch):

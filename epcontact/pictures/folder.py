@@ -48,8 +48,12 @@ _ENDINGS = (".png", ".svg", ".csv", ".txt", ".webp")
 #: The picture of a page has half of the pixels of the .png file along each side: it is
 #: about as wide as a column of the page.
 _REDUCTION = 2
-#: The colours of the picture of a page.  With fewer, the bars of colours show steps.
+#: The colours of the picture of a page.  Of Pillow's methods to choose them, the octree
+#: keeps the hue of thin lines and grids.  It may leave out a colour of a scale, which
+#: would then be drawn white, so that pictures of fields need "maximum coverage".
 _COLOURS = 20
+#: Beginnings of the names of pictures that show fields.
+_FIELDS = ("contact-", "pressure-difference-", "body-")
 
 
 def draw_case(
@@ -124,9 +128,11 @@ def write_page_pictures(folder: Path, names: Sequence[str]) -> None:
         source = folder / f"{name}.png"
         if source.is_file():
             small = Image.open(io.BytesIO(read_bytes(source))).convert("RGB")
-            # Of Pillow's methods, the octree keeps the hue of thin lines.
+            method = Image.Quantize.FASTOCTREE
+            if name.startswith(_FIELDS):
+                method = Image.Quantize.MAXCOVERAGE
             small = small.reduce(_REDUCTION).quantize(
-                _COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+                _COLOURS, method, dither=Image.Dither.NONE
             )
             content = io.BytesIO()
             small.convert("RGB").save(content, "webp", lossless=True)
