@@ -23,8 +23,8 @@ return is
 (box 3.2).  A tabulated hardening curve has a modulus H and a line sigma_Y + H a in each
 of its segments.  The return ends on the segment that it reaches, on whose line R is
 taken, so that the formulas above hold there.  Another hardening law changes `J2Law`,
-`law_of`, `_plastic_excess` and `plastic_work_density` here; `.docs/extend.md` names the
-other places.
+`law_of`, `_radius_on_curve`, `_excess_on_curve` and `plastic_work_density` here;
+`.docs/extend.md` names the other places.
 
 Only elements that have flowed have a history (e_p, a): they are few, and a history is
 large.  Two compiled loops work on LANES elements at a time (`lanes`).  `_stress_update`
@@ -69,8 +69,26 @@ from fem_check.workers import SERIAL, Workers
 
 #: sqrt(2/3): |dev s| of a uniaxial stress of 1.
 _ROOT = sqrt(2.0 / 3.0)
-#: The bends of a law without a hardening curve.
-_NO_BENDS: FloatArray = np.empty((0, 2))
+
+
+class Moduli(NamedTuple):
+    """The moduli and the stress of a `J2Law`, in Pa, without its hardening curve.
+
+    Compiled functions take the curve as an argument of its own.  Without a curve it is
+    None, and numba leaves out what belongs to a curve: otherwise the stress update
+    would take a third longer.
+
+    Attributes:
+        shear_modulus: mu.
+        bulk_modulus: K.
+        yield_stress: sigma_Y; infinite for an elastic body.
+        hardening_modulus: H.
+    """
+
+    shear_modulus: float
+    bulk_modulus: float
+    yield_stress: float
+    hardening_modulus: float
 
 
 class J2Law(NamedTuple):
@@ -87,15 +105,20 @@ class J2Law(NamedTuple):
         hardening_modulus: H, the slope of the yield stress over the accumulated plastic
             strain, in Pa; of a hardening curve that of the first segment.
         bends: (n, 2) points where the slope of a hardening curve changes: accumulated
-            plastic strain, ascending, and change of the slope in Pa.  Without a curve
-            there are none.
+            plastic strain, ascending, and change of the slope in Pa; None: there is no
+            curve.
     """
 
     shear_modulus: float
     bulk_modulus: float
     yield_stress: float
     hardening_modulus: float = 0.0
-    bends: FloatArray = _NO_BENDS
+    bends: FloatArray | None = None
+
+    @property
+    def moduli(self) -> Moduli:
+        """The moduli and the yield stress of this law."""
+        return Moduli(*self[:4])
 
     @property
     def saturates(self) -> bool:
@@ -103,7 +126,7 @@ class J2Law(NamedTuple):
 
         This is so without hardening, and of a curve, which keeps its last stress.
         """
-        return self.hardening_modulus == 0 or len(self.bends) > 0
+        return self.hardening_modulus == 0 or self.bends is not None
 
 
 def law_of(material: Material, flows: bool) -> J2Law:
@@ -161,42 +184,70 @@ def _yield_radius(accumulated, law):
 
     Args:
         accumulated: accumulated plastic strain, dimensionless.
-        law: a `J2Law` with its four moduli in Pa.
+        law: the `Moduli` of a law without a hardening curve.
     """
-    stress = law.yield_stress + law.hardening_modulus * accumulated
-    for k in range(law.bends.shape[0]):
-        if accumulated <= law.bends[k, 0]:
-            break
-        stress += law.bends[k, 1] * (accumulated - law.bends[k, 0])
-    return _ROOT * stress
+    return _ROOT * (law.yield_stress + law.hardening_modulus * accumulated)
 
 
 @inlined
-def _plastic_excess(norm, accumulated, law):
+def _plastic_excess(norm, radius, law):
     """Return the stress excess of radial return in Pa, and 1/(1 + H/(3 mu)).
 
     The excess is what a trial stress loses when it returns to the yield surface: 2 mu
-    times the plastic multiplier.  The second value enters the consistent tangent.  The
-    modulus H is that of the curve's segment in which the return ends.
+    times the plastic multiplier.  The second value enters the consistent tangent.
+
+    Args:
+        norm: Frobenius norm |s| of the deviatoric trial stress, in Pa, above the
+            radius.
+        radius: of the yield surface in the same norm, in Pa.
+        law: the `Moduli` of a law without a hardening curve.
+    """
+    resistance = 1 + law.hardening_modulus / (3 * law.shear_modulus)
+    return (norm - radius) / resistance, 1 / resistance
+
+
+@compiled
+def _radius_on_curve(accumulated, law, bends):
+    """Return the radius of the yield surface of a law with a hardening curve, in Pa.
+
+    Args:
+        accumulated: accumulated plastic strain, dimensionless.
+        law: the `Moduli` of the law.
+        bends: of the law, see `J2Law`.
+    """
+    stress = law.yield_stress + law.hardening_modulus * accumulated
+    for k in range(bends.shape[0]):
+        if accumulated <= bends[k, 0]:
+            break
+        stress += bends[k, 1] * (accumulated - bends[k, 0])
+    return _ROOT * stress
+
+
+@compiled
+def _excess_on_curve(norm, accumulated, law, bends):
+    """Return what `_plastic_excess` returns, of a law with a hardening curve.
+
+    The modulus H is that of the curve's segment in which the return ends.
 
     Args:
         norm: Frobenius norm |s| of the deviatoric trial stress, in Pa, above the radius
             of the yield surface.
         accumulated: accumulated plastic strain before the return, dimensionless.
-        law: a `J2Law`, with moduli and stresses in Pa.
+        law: the `Moduli` of the law.
+        bends: of the law, see `J2Law`.
     """
     # The line of the segment, extended to the strain `accumulated`.
     slope = law.hardening_modulus
     stress = law.yield_stress + slope * accumulated
     resistance = 1 + slope / (3 * law.shear_modulus)
     excess = (norm - _ROOT * stress) / resistance
-    for k in range(law.bends.shape[0]):
+    for k in range(bends.shape[0]):
         # A line that is extended beyond its segment may lie above the trial stress.
         growth = _ROOT * max(excess, 0.0) / (2 * law.shear_modulus)
-        if accumulated + growth <= law.bends[k, 0]:
+        if accumulated + growth <= bends[k, 0]:
             break
-        slope += law.bends[k, 1]
-        stress += law.bends[k, 1] * (accumulated - law.bends[k, 0])
+        slope += bends[k, 1]
+        stress += bends[k, 1] * (accumulated - bends[k, 0])
         resistance = 1 + slope / (3 * law.shear_modulus)
         excess = (norm - _ROOT * stress) / resistance
     return excess, 1 / resistance
@@ -214,8 +265,9 @@ def plastic_work_density(accumulated: FloatArray, law: J2Law) -> FloatArray:
             the slope in Pa.
     """
     work = law.yield_stress * accumulated + law.hardening_modulus * accumulated**2 / 2
-    for strain, change in law.bends:
-        work += change * np.maximum(accumulated - strain, 0.0) ** 2 / 2
+    if law.bends is not None:
+        for strain, change in law.bends:
+            work += change * np.maximum(accumulated - strain, 0.0) ** 2 / 2
     return work
 
 
@@ -313,7 +365,7 @@ def _elastic_stress(e, dilatation, law, largest):
 
 
 @compiled
-def _trial_stress(s, at, p, history, row, q, law):
+def _trial_stress(s, at, p, history, row, q, law, bends):  # noqa: PLR0913, PLR0917
     """Return what radial return needs at Gauss point q of one element.
 
     Args:
@@ -324,7 +376,8 @@ def _trial_stress(s, at, p, history, row, q, law):
         history: plastic strains before the increment.
         row: of the element in the arrays of the history.
         q: number of the Gauss point, below 8.
-        law: a `J2Law`, with moduli in Pa.
+        law: the `Moduli` of the law, in Pa.
+        bends: of the law, see `J2Law`; None: it has no curve.
 
     Returns:
         The deviatoric trial stress (xx, yy, zz, xy, yz, zx) in Pa; its norm in Pa (1 if
@@ -342,19 +395,23 @@ def _trial_stress(s, at, p, history, row, q, law):
     zx = s[at + 5 * L] - G2 * plastic[row, 5, q]
     squared = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + yz * yz + zx * zx)
     radius = _yield_radius(history.accumulated[row, q], law)
+    if bends is not None:
+        radius = _radius_on_curve(history.accumulated[row, q], law, bends)
     norm = 1.0
     excess = 0.0
     plastic_fraction = 0.0
     if squared > radius * radius:
         norm = sqrt(squared)
-        excess, plastic_fraction = _plastic_excess(
-            norm, history.accumulated[row, q], law
-        )
+        excess, plastic_fraction = _plastic_excess(norm, radius, law)
+        if bends is not None:
+            excess, plastic_fraction = _excess_on_curve(
+                norm, history.accumulated[row, q], law, bends
+            )
     return (xx, yy, zz, xy, yz, zx), norm, excess, plastic_fraction
 
 
 @compiled
-def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # noqa: PLR0913, PLR0917
+def _return_to_yield_surface(s, n, p, history, row, law, bends, updated, terms, k):  # noqa: PLR0913, PLR0917
     """Move the stresses of one element back to the yield surface, in place.
 
     Args:
@@ -363,7 +420,8 @@ def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # 
         p: mean stress, in Pa.
         history: plastic strains before the increment.
         row: of the element in the arrays of the history.
-        law: a `J2Law`, with moduli in Pa.
+        law: the `Moduli` of the law, in Pa.
+        bends: of the law, see `J2Law`; None: it has no curve.
         updated: history to which the increment of plastic strain is added, or None.
         terms: those of a `TangentCorrection`, whose entry k is written, or None.
         k: index of the element in `terms`.
@@ -376,7 +434,7 @@ def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # 
     for q in range(8):
         at = q * LANES + n
         trial, norm, excess, plastic_fraction = _trial_stress(
-            s, at, p, history, row, q, law
+            s, at, p, history, row, q, law, bends
         )
         flows = flows or excess > 0
         reduction = excess / norm  # 1 - theta
@@ -398,7 +456,7 @@ def _return_to_yield_surface(s, n, p, history, row, law, updated, terms, k):  # 
 
 @compiled
 def _stress_update(  # noqa: PLR0913, PLR0917
-    u, bricks, law, history, selected, nodal, stress, updated, terms, ranges
+    u, bricks, law, bends, history, selected, nodal, stress, updated, terms, ranges
 ):
     """Compute stresses at displacements u by radial return, and write the outputs.
 
@@ -407,7 +465,8 @@ def _stress_update(  # noqa: PLR0913, PLR0917
     Args:
         u: (nodes, 3) displacements, in m.
         bricks: the m elements.
-        law: a `J2Law`, with moduli in Pa.
+        law: the `Moduli` of the law, in Pa.
+        bends: of the law, see `J2Law`; None: it has no curve.
         history: plastic strains of all elements; None: the law is elastic.
         selected: numbers of the elements that are meant; None: all.
         nodal: (force, flowing): the internal force in N is added to (nodes, 3), and
@@ -439,7 +498,7 @@ def _stress_update(  # noqa: PLR0913, PLR0917
                     if selected is not None or row > 0 or largest[n] > limit:
                         p = law.bulk_modulus * dilatation[n]
                         flows = _return_to_yield_surface(
-                            s, n, p, history, row, law, updated, terms, k
+                            s, n, p, history, row, law, bends, updated, terms, k
                         )
                     if nodal is not None:
                         nodal[1][element] = flows
@@ -542,7 +601,17 @@ def internal_force(
     """
     nodal = np.zeros_like(u), np.zeros(bricks.number, dtype=np.bool_)
     task = partial(
-        _stress_update, u, bricks, law, history, None, nodal, None, None, None
+        _stress_update,
+        u,
+        bricks,
+        law.moduli,
+        law.bends,
+        history,
+        None,
+        nodal,
+        None,
+        None,
+        None,
     )
     _run_by_layers(task, bricks, None, workers)
     return nodal
@@ -561,7 +630,17 @@ def stresses(
     """
     stress = np.empty((bricks.number, 6, 8))
     task = partial(
-        _stress_update, u, bricks, law, history, None, None, stress, None, None
+        _stress_update,
+        u,
+        bricks,
+        law.moduli,
+        law.bends,
+        history,
+        None,
+        None,
+        stress,
+        None,
+        None,
     )
     _run_by_layers(task, bricks, None, SERIAL)
     return stress
@@ -612,7 +691,17 @@ def commit(
         np.concatenate([history.accumulated, np.zeros((new.size, 8))]),
     )
     task = partial(
-        _stress_update, u, bricks, law, updated, selected, None, None, updated, None
+        _stress_update,
+        u,
+        bricks,
+        law.moduli,
+        law.bends,
+        updated,
+        selected,
+        None,
+        None,
+        updated,
+        None,
     )
     _run_by_layers(task, bricks, selected, SERIAL)
     return updated
@@ -639,7 +728,17 @@ def tangent_correction(
     selected = np.flatnonzero(flowing)
     terms = np.empty((selected.size, 8, 8))
     task = partial(
-        _stress_update, u, bricks, law, history, selected, None, None, None, terms
+        _stress_update,
+        u,
+        bricks,
+        law.moduli,
+        law.bends,
+        history,
+        selected,
+        None,
+        None,
+        None,
+        terms,
     )
     _run_by_layers(task, bricks, selected, workers)
     return TangentCorrection(selected, terms)
