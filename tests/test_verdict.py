@@ -133,6 +133,10 @@ def test_margin_is_the_band_over_difference_and_interval():
     assert spread.margin == pytest.approx(0.2 / spread.difference.half_width)
     assert judge_distance(replace(wide, norm="l2"), [0.1]).margin == pytest.approx(3.0)
     assert not judge_distance(gate("supremum", 0, 1), [math.nan]).holds
+    # A residual may be as small as it likes, but not 0.
+    small = replace(wide, against=0.0, norm="absolute", low=1e-18, high=1e-7)
+    margin = judge_values(small, [5e-9], [0.0], paired=False).margin
+    assert margin == pytest.approx(20.0)
     assert math.isnan(unjudged_verdict(wide, "no").margin)
 
 

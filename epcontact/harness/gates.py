@@ -255,6 +255,9 @@ Kind = Literal[
 ]
 DISTRIBUTION_NORMS = ("wasserstein", "supremum")
 
+#: A band that begins at this fraction of its upper end, or below, only excludes 0.
+_NEARLY_ZERO = 1e-3
+
 HOLDS: Literal["holds"] = "holds"
 FALLS_SHORT: Literal["falls short"] = "falls short"
 ERROR: Literal["error"] = "error"
@@ -342,14 +345,17 @@ class GateVerdict(Record):
         """Half the width of the band over the largest difference in the interval.
 
         The difference is measured from the middle of the band.  The middle is 0 for a
-        distance, which has no sign.  The margin is dimensionless: 1 or more if the gate
+        distance, which has no sign, and for a residual that must be small but not
+        exactly 0.  The margin is dimensionless: 1 or more if the gate
         holds, infinite if the difference is exactly in the middle, and NaN if the gate
         could not be judged.
         """
         if self.difference is None:
             return math.nan
-        distance = self.norm in (*DISTRIBUTION_NORMS, "l2") and self.low <= 0
-        low = -self.high if distance else self.low
+        is_distance = self.norm in (*DISTRIBUTION_NORMS, "l2") and self.low <= 0
+        begins_at_zero = 0 < self.low < _NEARLY_ZERO * self.high
+        is_residual = self.against == 0 and begins_at_zero
+        low = -self.high if is_distance or is_residual else self.low
         used = abs(self.difference.mean - (low + self.high) / 2) + self.half_width
         return (self.high - low) / 2 / used if used else math.inf
 
