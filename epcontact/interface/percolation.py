@@ -144,8 +144,8 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
     finer_sides = _spanning_fraction(finer, False, sides, margin)
     finer_corners = _spanning_fraction(finer, True, finer_sides, margin)
     change = (finer_sides + finer_corners) / 2 - limit
-    grid = math.hypot((sides - corners) / 2, scatter)
-    return Limit(limit, sides, math.hypot(_GRID * grid, _SADDLES * change))
+    of_grid = math.hypot((sides - corners) / 2, scatter)
+    return Limit(limit, sides, math.hypot(_GRID * of_grid, _SADDLES * change))
 
 
 def _with_midpoints(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,6 +30,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from epcontact import bem
+from epcontact.alternatives import without_alternatives
 from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.methods import foreign
@@ -377,11 +378,12 @@ def _persson(
     """Solve a scene by Persson's theory; see `Solve`.
 
     `options` are the keywords of `persson.solve`.  `threads` has no effect, and
-    `on_load` is never called, because the theory has no fields.
+    `on_load` is never called, because the theory has no fields.  Alternatives of the
+    surface are left out: the harness solves them for all methods (`load_path`).
     """
     from epcontact import persson
 
-    return persson.solve(scene, **options)
+    return persson.solve(without_alternatives(scene), **options)
 
 
 def _bem(
@@ -393,8 +395,10 @@ def _bem(
     """Solve a scene by boundary elements; see `Solve`.
 
     `options` are the keywords of `bem.solve`.  The time of `on_load` is subtracted from
-    the cost "seconds" of the result.
+    the cost "seconds" of the result.  Alternatives of the surface are left out: the
+    harness solves them for all methods (`load_path`).
     """
+    scene = without_alternatives(scene)
     if on_load is None:
         return bem.solve(scene, threads=threads, **options)
     timed = _Timed(on_load)

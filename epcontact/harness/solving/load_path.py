@@ -21,7 +21,6 @@ from epcontact.alternatives import (
     TOLERANCE_OF_ERROR,
     filled_notes,
     with_measurement_errors,
-    without_alternatives,
 )
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.files import step_name, write_collection
@@ -80,16 +79,12 @@ def solve_path(
     hardnesses = [of_load.value for of_load in mapped]
     if not mapped:
         hardnesses = [scene.material.hardness] * len(scene.load.path)
-    measured_scene = scene
-    scene = without_alternatives(scene)  # a method would solve them itself
     result = _solve_with_hardnesses(
         task, scene, hardnesses, threads, on_progress=on_progress, done=done
     )
     steps = list(result.steps)
-    if measured_scene.surface.alternatives:
-        steps = _with_measurement_errors(
-            task, measured_scene, hardnesses, threads, steps
-        )
+    if scene.surface.alternatives:
+        steps = _with_measurement_errors(task, scene, hardnesses, threads, steps)
     if not flows:
         steps = list(map(_with_hardness, steps, hardnesses))
     if mapped:
@@ -168,7 +163,7 @@ def _with_measurement_errors(
     base = None
     if task.method.name not in _FAST_METHODS:
         solving = replace(solving, method=METHODS["bem"])
-        base = solve(without_alternatives(scene))
+        base = solve(scene)
     return list(with_measurement_errors(scene, steps, solve, base))
 
 
