@@ -270,6 +270,7 @@ def test_no_quantity_is_without_a_value():
     tested.add("field.heights")  # by test_shown
     tested.add("quantity.flowed_share")  # by test_bem_areas
     tested.add("quantity.hardness")  # by test_loads
+    tested.add("cost.measuring_seconds")  # by test_loads
     # The gates of every case compute these from the pressures once more.
     tested.add("field.displacement")
     tested |= {"quantity.mean_plastic_displacement", "quantity.mean_separation"}
