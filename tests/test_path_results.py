@@ -7,6 +7,7 @@ here from the definitions in the documentation.
 
 from dataclasses import replace
 from math import hypot
+from types import SimpleNamespace
 
 import pytest
 from conftest import SMALL_CASE
@@ -15,6 +16,7 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.solving import saved
 from epcontact.harness.solving.load_path import solve_path, with_hardness_error
+from epcontact.harness.solving.measure import measure_end
 from epcontact.harness.solving.method_results import MethodResults, load_rows, summary
 from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.materials.hardness_map import MappedHardness
@@ -48,7 +50,7 @@ def step_of(number, load, scale):
 def result_of(scale, loads=LOADS):
     """Return an invented result of boundary elements on the surface of this scale."""
     steps = tuple(step_of(number, load, scale) for number, load in enumerate(loads))
-    cost = {"seconds": 2.0 * scale, "peak_memory_bytes": 1e9 / scale, "fft_pairs": 7.0}
+    cost = {"seconds": 2.0 * scale, "peak_memory_bytes": 1e9 * scale, "fft_pairs": 7.0}
     return ContactResult("bem", steps, Provenance("digest"), cost=cost)
 
 
@@ -88,7 +90,7 @@ def test_a_summary_has_the_worst_residual_the_joint_cost_and_the_last_load(tmp_p
     content = summary(case, MethodResults(results, ("seed3", "seed5")))
     assert content["residuals"] == pytest.approx({"gap_elastic": 3.3e-9})
     assert content["cost"] == pytest.approx(
-        {"seconds": 4.2, "peak_memory_bytes": 1e9, "fft_pairs": 14.0}
+        {"seconds": 4.2, "peak_memory_bytes": 1.1e9, "fft_pairs": 14.0}
     )
     assert content["mean_pressure"] == 2e8
     plastic = 0.3 * 0.16
@@ -219,3 +221,22 @@ def test_surfaces_and_sizes_have_keys_of_their_own(tmp_path):
     saved.save_result(tasks[0], tmp_path, result_of(1.0, (5e8,)))
     assert saved.load_saved(tasks[0], tmp_path) is not None
     assert saved.load_saved(task, tmp_path) is None
+
+
+def test_the_end_of_a_path_keeps_all_loads_and_the_worst_check(tmp_path):
+    """A check of the parts of a result has its largest value over all loads at the end;
+    the earlier loads stay as they are.
+    """
+    checks = (1e-9, 3e-8, 2e-9)
+    steps = []
+    for step, check in zip(result_of(1.0).steps, checks, strict=True):
+        quantities = {**step.quantities, "measured_areas": check}
+        steps.append(replace(step, quantities=quantities))
+    result = replace(result_of(1.0), steps=tuple(steps))
+    (tmp_path / "small.toml").write_text(SMALL_CASE)
+    case = load_case(tmp_path / "small.toml")
+    task = SimpleNamespace(measured=("quantity.measured_areas",), extra_quantities=())
+    found = measure_end(task, case.scene(case.recipes[0]), result)
+    values = [step.quantities["measured_areas"] for step in found.steps]
+    assert values == [1e-9, 3e-8, 3e-8]
+    assert [step.mean_pressure for step in found.steps] == [*LOADS]

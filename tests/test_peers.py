@@ -61,6 +61,20 @@ def test_what_follows_from_a_pressure_is_what_the_solver_says(scene):
     assert wrong.final.residuals["gap_elastic"] > 1e-3
 
 
+def test_the_residual_of_a_load_is_relative_to_this_load(scene):
+    """After a larger load, a pressure 2 % too large is 2 % of the last load; at no load
+    the error is relative to the largest.
+    """
+    elastic = replace(scene, material=Material(1e11, 0.3))
+    pressure = bem.solve(replace(elastic, load=Load(3e8))).fields["pressure"]
+    unloaded = replace(elastic, load=Load((5e8, 3e8)))
+    found = result_of_pressures(unloaded, {"pressure": 1.02 * pressure}, "wrong")
+    assert found.final.residuals["force"] == pytest.approx(0.02)
+    none = replace(elastic, load=Load((5e8, 0.0)))
+    found = result_of_pressures(none, {"pressure": 0.1 * pressure}, "wrong")
+    assert found.final.residuals["force"] == pytest.approx(0.06)
+
+
 @pytest.mark.parametrize("solve", [contact_mechanics, tamaas])
 def test_peers_touch_where_the_boundary_elements_do(scene, solve):
     """The contact area of a public code (`solve`) agrees with that of the boundary
