@@ -11,6 +11,7 @@ from unittest import mock
 
 import pytest
 
+from epcontact.cli import progress
 from epcontact.cli.main import main
 
 Done = subprocess.CompletedProcess[str]
@@ -22,7 +23,8 @@ def invoke(*arguments):
     The `arguments` are the words after `epcontact`; paths and numbers are converted to
     text. The result is a `subprocess.CompletedProcess` with `returncode`, `stdout` and
     `stderr`. Warnings are errors, and any exception but SystemExit is raised. The
-    handlers of SIGTERM and SIGINT are restored afterwards.
+    handlers of SIGTERM and SIGINT are restored afterwards. Lines of progress, which
+    depend on the speed of the machine, are not printed, but for the last one.
     """
     out = io.StringIO()
     err = io.StringIO()
@@ -30,6 +32,7 @@ def invoke(*arguments):
     with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
         for number in (signal.SIGTERM, signal.SIGINT):
             after.callback(signal.signal, number, signal.getsignal(number))
+        after.enter_context(mock.patch.object(progress, "_FIRST_LINE", 600.0))
         after.enter_context(contextlib.redirect_stdout(out))
         after.enter_context(contextlib.redirect_stderr(err))
         end = after.enter_context(pytest.raises(SystemExit))
