@@ -34,7 +34,7 @@ from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Progress, Run
 from epcontact.harness.verdict.files import delete_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict
-from epcontact.harness.verdict.overview import cases_by_subject, overview
+from epcontact.harness.verdict.overview import least_margin, overview
 from epcontact.harness.verdict.verification import cases_to_verify
 from epcontact.surfaces import HeightsFromFile, Mirrored
 
@@ -260,8 +260,7 @@ def _print_verdict(
     """
     console = open_console()
     tables.print_summary(console, verdict)
-    by_subject = cases_by_subject(verdict)
-    ordered = [case for cases in by_subject.values() for case in cases]
+    ordered = sorted(verdict.cases, key=least_margin)
     if all_gates:
         in_detail = list(verdict.cases)
     else:

@@ -487,6 +487,17 @@ def _uncovered(verdict: Verdict) -> list[str]:
     return names
 
 
+def least_margin(case: CaseVerdict) -> float:
+    """Return the least margin of the gates of a case, by which cases are sorted.
+
+    It is -1 if a gate could not be judged, and infinite without a gate.
+    """
+    gate = tightest(case.gates)
+    if gate is None:
+        return math.inf
+    return -1.0 if math.isnan(gate.margin) else gate.margin
+
+
 def cases_by_subject(verdict: Verdict) -> dict[str, list[CaseVerdict]]:
     """Return the cases of a verdict by what they verify, each case once.
 
@@ -495,16 +506,7 @@ def cases_by_subject(verdict: Verdict) -> dict[str, list[CaseVerdict]]:
     judged".  The cases of a group are sorted by their tightest gates.
     """
     groups: dict[str, list[CaseVerdict]] = defaultdict(list)
-    pairs = {case.id: tightest(case.gates) for case in verdict.cases}
-
-    def margin(case: CaseVerdict) -> float:
-        """Return the least margin of a case; -1 if a gate could not be judged."""
-        gate = pairs[case.id]
-        if gate is None or math.isnan(gate.margin):
-            return -1.0
-        return gate.margin
-
-    for case in sorted(verdict.cases, key=margin):
+    for case in sorted(verdict.cases, key=least_margin):
         groups[_main_subject(case)].append(case)
     used = [subject for subject in groups if subject != _NOT_JUDGED]
     order = [subject for subject in _with_others(SUBJECTS, used) if subject in groups]
