@@ -126,6 +126,7 @@ OTHER = {
     ("surface, file", "transpose"): {"transpose": True},
     ("surface, file", "missing"): {"missing": "nearest"},
     ("surface, file", "outliers"): {"outliers": "remove"},
+    ("surface, file", "clipped"): {"clipped": "keep"},
     ("surface, file", "form"): {"form": 2},
     ("surface, file", "longest_wavelength"): {"longest_wavelength": 5e-4},
     ("surface, file", "shortest_wavelength"): {"shortest_wavelength": 3e-4},
@@ -180,6 +181,7 @@ def other_values(table, key):
     """
     if (table, key) in OTHER:
         return OTHER[table, key]
+    assert key in SHAPES, f"[{table}] {key} is new: add another value to OTHER"
     return {key: SHAPES[key]}
 
 
