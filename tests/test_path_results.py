@@ -240,3 +240,21 @@ def test_the_end_of_a_path_keeps_all_loads_and_the_worst_check(tmp_path):
     values = [step.quantities["measured_areas"] for step in found.steps]
     assert values == [1e-9, 3e-8, 3e-8]
     assert [step.mean_pressure for step in found.steps] == [*LOADS]
+
+
+def test_an_error_that_one_surface_lacks_counts_in_any_order():
+    """An error of 0 on one surface and .01 on another is .005 for their mean, whichever
+    surface comes first; it is multiplied by 1.19 from 90 % to 95 %.
+    """
+
+    def result(plastic, error):
+        """Return a result with a plastic area and its error, as fractions."""
+        areas = {"raw": Areas(0.2, 0.2 - plastic, plastic)}
+        areas["error"] = Areas(0.0, 0.0, error)
+        steps = (LoadStep(1e6, areas),)
+        return ContactResult("bem", steps, Provenance("digest"))
+
+    results = [result(0.0, 0.0), result(0.02, 0.01)]
+    for ordered in (results, results[::-1]):
+        (row,) = load_rows(ordered)
+        assert row["plastic_area"]["parts"]["grid"] == pytest.approx(0.00595, rel=2e-3)

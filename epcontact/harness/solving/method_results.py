@@ -175,7 +175,9 @@ def _mean_row(
             continue
         parts = {}
         prefix = f"{name}_error_by_"
-        for key in values[0]:
+        # An error that is 0 on a surface has no column there.
+        columns = dict.fromkeys(itertools.chain(*values))
+        for key in columns:
             if key.startswith(prefix):
                 part = fmean(surface.get(key, 0.0) for surface in values)
                 parts[key.removeprefix(prefix)] = part
