@@ -31,9 +31,6 @@ from epcontact.scene import Alternative
 Mask = NDArray[np.bool_]
 #: Shifts over which holes are laid over other parts of a map, in sides of the map.
 _SHIFTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-#: Most missing points for which the smooth filling is computed by a direct solve, whose
-#: memory and time grow faster than the number of points.
-_DIRECT = 60_000
 
 
 def form_alternatives(
@@ -169,7 +166,9 @@ def fill_smoothly(heights: FloatArray, holes: Mask) -> FloatArray:
     """Return heights with the points in holes replaced by a smooth continuation.
 
     The filling minimizes the sum of the squared Laplacians of the map, whose slope
-    across its edges is 0, as that of a mirrored map.
+    across its edges is 0, as that of a mirrored map.  The direct solve takes 1 to 5 s
+    for 300 000 points; conjugate gradients took 11 to 78 times as long on wide holes of
+    80 000 points, and were far off.
 
     Args:
         heights: (nx, ny) or (nx,), in any unit; those in holes do not count, but must
@@ -191,12 +190,7 @@ def fill_smoothly(heights: FloatArray, holes: Mask) -> FloatArray:
     known = np.where(holes, 0.0, heights).ravel()
     matrix = (columns.T @ columns).tocsc()
     right = -(columns.T @ (laplacian @ known))
-    if right.size <= _DIRECT:
-        filling = linalg.spsolve(matrix, right)
-    else:
-        diagonal = sparse.diags(1 / matrix.diagonal())
-        start = heights[holes]
-        filling, _ = linalg.cg(matrix, right, start, rtol=1e-4, M=diagonal)
+    filling = linalg.spsolve(matrix, right)
     result = heights.copy()
     result[holes] = filling
     return result
