@@ -330,7 +330,7 @@ def test_a_case_may_have_no_hardness(write_case):
     [
         (
             'hardness = "effective"',
-            "yield_stress is inf, but must be a positive number in Pa",
+            "follows from the yield stress, but .material. has no yield_stress",
         ),
         ('hardness = "efective"', "valid number or be 'effective'"),
         (
