@@ -11,7 +11,13 @@ from epcontact.cli.compare_and_accuracy import _ledger_row as row_of_table
 from epcontact.harness import sweep
 from epcontact.persson.validity import theory_map
 from epcontact.studies import STUDIES, conductance
-from epcontact.studies.accuracy import SMALLEST_AREA, differences, ledger, read_rows
+from epcontact.studies.accuracy import (
+    SMALLEST_AREA,
+    differences,
+    ledger,
+    read_rows,
+    verdict_rows,
+)
 
 
 def test_bias_is_the_median_and_scatter_half_of_the_central_68_percent():
@@ -223,3 +229,21 @@ def test_a_folder_without_two_answers_is_one_sentence(tmp_path):
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
+
+
+def test_a_gate_of_elements_against_the_theory_is_a_row_of_the_theory():
+    """A gate on boundary elements whose reference is the theory becomes a row of the
+    theory: value and reference change places, and the finite elements keep theirs.
+    """
+    names = ("bem against persson", "fem against bem")
+    figures = pd.DataFrame(
+        {
+            "name": [f"area.total.corrected of {name} (relative)" for name in names],
+            "value": [0.11, 0.13],
+            "reference": [0.1, 0.12],
+            "low": [-0.5, -0.5],
+        }
+    )
+    rows = verdict_rows(figures)
+    found = rows[["pair", "value", "reference"]].to_dict("split")["data"]
+    assert found == [["theory – BEM", 0.1, 0.11], ["FE – BEM", 0.13, 0.12]]
