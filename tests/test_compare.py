@@ -133,6 +133,11 @@ def test_each_change_is_counted_in_error_estimates():
     assert comparison.compared == 5
     assert comparison.exit_code == 1
     assert comparison.time == pytest.approx(5.0 / 2.0)
+    assert [*comparison.slower["name"]] == ["cost.fft_pairs of m"]
+    assert comparison.notes["in a wider band"] == [
+        "a fast: y of m against 0 (absolute)",
+        "b fast: w of m against n (relative)",
+    ]
 
 
 def test_what_is_gone_is_told(runs, tmp_path):
