@@ -293,7 +293,11 @@ def test_the_study_answers_the_scenes_of_the_cases(name, severity, nu):
     np.testing.assert_array_equal(ours.surface.heights, theirs.surface.heights)
     assert ours.body == theirs.body
     # The case's stresses have five figures.
-    assert vars(ours.material) == pytest.approx(vars(theirs.material), rel=1e-4)
+    assert ours.material.hardening_curve == theirs.material.hardening_curve == ()
+    moduli = ("young_modulus", "poisson_ratio", "yield_stress", "hardness")
+    for modulus in moduli:
+        value = getattr(ours.material, modulus)
+        assert value == pytest.approx(getattr(theirs.material, modulus), rel=1e-4)
     assert ours.load.final == pytest.approx(theirs.load.final, rel=1e-4)
 
 

@@ -127,11 +127,12 @@ def test_no_error_of_a_method_passes_if_a_gate_reads_it_or_not(
     given = {"persson": good, "bem": good} | {
         name: MethodResults(errors=(f"{name}, single: stalled",))
     }
-    judged = judge_case(load_case(write_case(*THEORY)), given)
+    case = load_case(write_case(*THEORY))
+    judged = judge_case(case, given)
     assert (judged.status, judged.gates[0].status) == ("error", status)
     item = object.__new__(GateItem)
     item.number = 0
-    item.parent = SimpleNamespace(verdict=judged)
+    item.parent = SimpleNamespace(verdict=judged, case=case)
     item.user_properties = []
     with pytest.raises(GateFellShort, match="stalled"):  # under pytest
         item.runtest()

@@ -147,12 +147,12 @@ def test_the_summary_counts_points_and_failures_and_has_the_largest_effort():
             "effort": [5.0, np.nan, 30.0, 11.5],
         }
     )
-    columns = [[*column.cells] for column in _summary(points).columns]
+    columns = [[str(c) for c in column.cells] for column in _summary(points).columns]
     assert columns == [
         ["capped", "fem"],
         ["newton", "fem"],
         ["3", "1"],
-        ["[bold red]1[/]", "0"],
+        ["1", "0"],
         ["30", "11.5"],
     ]
 
