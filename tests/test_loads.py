@@ -356,6 +356,24 @@ def test_a_path_goes_on_from_the_loads_that_are_done(
     assert not task.loads_file.exists()
 
 
+def test_an_unexpected_error_of_a_task_names_its_place(
+    write_case, tmp_path, monkeypatch
+):
+    """An error that is none of the package ends its task with a sentence that has the
+    file and the function in which it was raised.
+    """
+
+    def divide_by_zero(*_):
+        """Raise ZeroDivisionError, as a mistake in a method might."""
+        return 1.0 / 0.0
+
+    monkeypatch.setattr(run, "solve_path", divide_by_zero)
+    (task, *_) = tasks_of(load_case(write_case(BEM, AREA)), Run(tmp_path, jobs=1))
+    sentence = run.solve_task(task, threads=1)
+    assert sentence.startswith("ZeroDivisionError: float division by zero (test_loads")
+    assert sentence.endswith("in divide_by_zero)")
+
+
 def test_units_are_those_of_the_quantities():
     """A column of the loads has the unit of the quantity of the same name."""
     for name, unit in COLUMNS.items():

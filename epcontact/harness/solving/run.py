@@ -19,6 +19,7 @@ import platform
 import signal
 import threading
 import time
+import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -370,7 +371,13 @@ def solve_task(
         return f"{sentence_of(error)}; {_how_to_go_on(task, loads_before)}"
     except Exception as error:
         logging.getLogger("epcontact").debug("%s failed", task.label, exc_info=error)
-        return sentence_of(error)
+        sentence = sentence_of(error)
+        if not isinstance(error, EpcontactError | MemoryError):
+            # An unexpected error is found by its place alone if it does not return.
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            name = Path(place.filename).name
+            sentence += f" ({name}, line {place.lineno}, in {place.name})"
+        return sentence
 
 
 def _count_done(task: Task) -> int:
