@@ -396,7 +396,10 @@ def _conjugate_gradients(
             xpay(p, beta, z, workers)
             xpay(Kp, beta, Kz, workers)
             p_approach = z_approach + beta * p_approach
-        alpha = rho / dot(p, Kp, workers)
+        curvature = dot(p, Kp, workers)
+        if curvature == 0:
+            break  # the rest is rounding, in which there is no direction to improve
+        alpha = rho / curvature
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
         linear.approach += alpha * p_approach
