@@ -184,11 +184,13 @@ def linear_contact(
     missing = problem.missing_load(R, state.states, control)
     balance = unbalanced_norm(R, state.states, problem.workers)
     scale = max(balance + abs(missing), 1e-300)
+    # Contact forces that are in balance up to rounding have no direction to improve.
+    rounding = 8 * np.finfo(float).eps * float(np.abs(state.forces).sum())
     R = R[: tangent.levels_with(R, NEGLIGIBLE * forcing * scale)].copy()
     linear = LinearSolution(np.zeros_like(R), R, state.approach, state.states)
     counts = Counts()
     for sweep in range(max_sweeps):
-        goal = forcing * scale
+        goal = max(forcing * scale, rounding)
         if sweep < 8:
             goal *= 5  # the first contact sets do not deserve an accurate solve
         iterations = _solve_on_set(state, linear, tangent, control, goal)
@@ -396,10 +398,7 @@ def _conjugate_gradients(
             xpay(p, beta, z, workers)
             xpay(Kp, beta, Kz, workers)
             p_approach = z_approach + beta * p_approach
-        curvature = dot(p, Kp, workers)
-        if curvature == 0:
-            break  # the rest is rounding, in which there is no direction to improve
-        alpha = rho / curvature
+        alpha = rho / dot(p, Kp, workers)
         axpy(step, alpha, p, workers)
         axpy(R, -alpha, Kp, workers)
         linear.approach += alpha * p_approach

@@ -267,6 +267,27 @@ def test_the_sweeps_halve_the_iterations_of_the_direct_solve(monkeypatch):
     assert with_sweeps <= 0.6 * without_sweeps
 
 
+def test_contact_forces_in_balance_up_to_rounding_are_not_improved():
+    """A solve from a state that balances the load up to its last digit needs one
+    elastic solve, and no conjugate gradients, on each contact set.
+
+    In these rest forces there may be no direction left, and the step along it would be
+    a division by zero.  Each load differs from the sum of the contact forces by another
+    number of units in its last place, so that some of these solves leave a rest.
+    """
+    path = solve_path(rough_scene(12, 2, pressure=0.1), law="elastic", certified=False)
+    problem = path.problem
+    state = path.points[-1].state
+    internal, _ = problem.internal_force(state.displacement, path.history)
+    R = problem.reaction(state.states, internal)
+    load = float(state.forces.sum())
+    tangent = Tangent(problem, None)
+    for excess in range(-20, 21):
+        control = Control(load=load + excess * np.spacing(load))
+        _, counts = linear_contact(state, R, tangent, control, forcing=1e-4)
+        assert counts.most_cg == 1
+
+
 # --- costs in counts
 
 
