@@ -14,7 +14,12 @@ from numpy.typing import ArrayLike
 
 from epcontact.errors import InvalidScene
 from epcontact.materials.moduli import effective_modulus
-from epcontact.persson.elastoplastic import areas, pressure_cumulative, pressure_density
+from epcontact.persson.elastoplastic import (
+    ContactAreas,
+    areas,
+    pressure_cumulative,
+    pressure_density,
+)
 from epcontact.persson.near_bounds import (
     CONSTANTS,
     RESOLUTION,
@@ -216,6 +221,20 @@ class Theory:
             areas(0.0, mean_pressure, self.hardness)  # checks the pressure
             return tau
         return reduced_diffusion(self.reduction, tau, mean_pressure, self.hardness)
+
+    def contact_areas(self, mean_pressure: float) -> ContactAreas:
+        """Return the areas with all of the roughness, as fractions.
+
+        Args:
+            mean_pressure: p_0 in Pa.
+
+        Raises:
+            InvalidScene: The pressure is out of range, or the surface is flat with the
+                rule "near_bounds".
+        """
+        if self.reduction.rule == "near_bounds":
+            return self.stress_state(mean_pressure).areas
+        return areas(self.diffusion(mean_pressure), mean_pressure, self.hardness)
 
     def magnification_curve(
         self, mean_pressure: float, magnifications: ArrayLike | None = None

@@ -70,9 +70,9 @@ _ORDER_ERROR = 0.5
 #: hardnesses, 1.8 and 3 E* xi, where the plastic area vanishes.  50 trial scenes there
 #: gave the value, and 43 others confirmed it.
 _VANISHING_PLASTIC = 0.012
-#: The error estimate of an area covers nine of ten errors: standard deviations of a
-#: normal distribution.
-_NINE_OF_TEN = 1.645
+#: Standard deviations of a normal distribution within which nine of ten errors are, as
+#: within the error estimate of an area.
+_DEVIATIONS_OF_ESTIMATE = 1.645
 #: Relative error of an area by boundary elements, which matters next to full contact.
 _AREA_ERROR = 1e-4
 #: Below this hardness/(E* xi) the map has spectra with roll-off only up to a limit of
@@ -144,16 +144,20 @@ def expected_errors(
         )
     if not theory.roughness.rms_slope:
         raise InvalidScene("the surface is flat")
-    ends, true_areas = _interpolate(theory, mean_pressure, surfaces)
+    _place_in_map(theory, mean_pressure)  # refuses a scene that is outside
+    contact = theory.contact_areas(mean_pressure)
+    ends, true_areas = _interpolate(theory, mean_pressure, contact, surfaces)
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
         # In the mirror image the plastic area is out of contact, and the map has more
         # places there.
         mirrored_load = theory.hardness - mean_pressure
-        _, (total, elastic, plastic) = _interpolate(theory, mirrored_load, surfaces)
+        swapped = ContactAreas(contact.elastic, contact.separated, contact.plastic)
+        _, (total, elastic, plastic) = _interpolate(
+            theory, mirrored_load, swapped, surfaces
+        )
         mirrored = np.array([1 - plastic[::-1], elastic, 1 - total[::-1]])
         true_areas = np.where(np.isnan(mirrored), true_areas, mirrored)
-    contact = _contact(theory, mean_pressure)
     # The larger an area is, the lower is the error of a theory with too little of it.
     of_theory = [float(getattr(contact, name)) for name in _AREAS]
     errors[:, :3] = of_theory / true_areas.T[::-1] - 1
@@ -166,13 +170,6 @@ def expected_errors(
         if not math.isnan(middle):
             expected[name] = ExpectedError(low, middle, high)
     return expected
-
-
-def _contact(theory: Theory, mean_pressure: float) -> ContactAreas:
-    """Return the areas by a theory at a mean pressure in Pa, as fractions."""
-    if theory.reduction.rule == "near_bounds":
-        return theory.stress_state(mean_pressure).areas
-    return areas(theory.diffusion(mean_pressure), mean_pressure, theory.hardness)
 
 
 def _place_in_map(
@@ -213,13 +210,14 @@ def _place_in_map(
 
 
 def _interpolate(
-    theory: Theory, mean_pressure: float, surfaces: int
+    theory: Theory, mean_pressure: float, contact: ContactAreas, surfaces: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the map's transformed errors of the theory, and the areas they imply.
 
     Args:
         theory: The body.
         mean_pressure: In Pa.
+        contact: The areas by the theory at this pressure, as fractions.
         surfaces: Number of surfaces whose mean is compared.
 
     Returns:
@@ -251,9 +249,8 @@ def _interpolate(
         variance[_GAP] = math.nan
     deviation = np.sqrt(variance + (_ORDER_ERROR * (y - y_linear)) ** 2)
     ends = y + np.multiply.outer([-2, 0, 2], deviation)
-    contact = _by_name(_contact(theory, mean_pressure))
     load = mean_pressure / theory.hardness
-    logs = ends[:, :3] + _logs(contact, load, _FLOORS[rule])
+    logs = ends[:, :3] + _logs(_by_name(contact), load, _FLOORS[rule])
     return ends, 1 / (_IS_LOGIT + np.exp(-logs)).T
 
 
@@ -438,7 +435,7 @@ def _transformed_errors(
     for name, is_logit, reference in zip(_AREAS, _IS_LOGIT, logs, strict=True):
         remainder = np.maximum(1 - rows[name], _SMALLEST_SEPARATED) ** is_logit
         y = np.log(rows[name] / remainder) - reference
-        of_grid = rows[f"{name}_grid"] / _NINE_OF_TEN
+        of_grid = rows[f"{name}_grid"] / _DEVIATIONS_OF_ESTIMATE
         yield y, rows[f"{name}_scatter"] / remainder, of_grid / remainder
     nothing = np.full_like(load, np.nan)
     for name in FIGURES[3:]:

@@ -104,7 +104,7 @@ def place_row(tasks, output):
         EnergyReduction(CONSTANTS[0], "near_bounds"),
         hardness,
     )
-    by_bounds = near_bounds.stress_state(theory.final.mean_pressure).areas
+    by_bounds = near_bounds.contact_areas(theory.final.mean_pressure)
     for part in PARTS:
         exact = getattr(theory.final.areas["raw"], part)
         values = [getattr(result.final.areas["corrected"], part) for result in found]
