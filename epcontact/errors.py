@@ -7,7 +7,9 @@ where, and what is expected.  The command line prints it unchanged and exits wit
 from __future__ import annotations
 
 import difflib
+import os
 import textwrap
+import traceback
 from collections.abc import Iterable, Mapping, Sequence
 
 
@@ -125,6 +127,27 @@ def sentence_of(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         text = f"not enough memory ({text})"
     return printable(text)
+
+
+def place_of(error: BaseException, above: str = "", count: int = 1) -> str:
+    """Return where an error was raised, such as " (my_solver.py, line 6, in solve: x)".
+
+    Args:
+        error: an error that was raised.
+        above: the path of a module; the places are those that it called.
+        count: the largest number of places; the last is the innermost.
+
+    Returns:
+        The text begins with a blank; it is empty for an error without a traceback.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    called = [index for index, frame in enumerate(frames) if frame.filename == above]
+    below = frames[called[-1] + 1 :] if called else frames
+    places = []
+    for frame in below[-count:]:
+        name = os.path.basename(frame.filename)
+        places.append(f"{name}, line {frame.lineno}, in {frame.name}: {frame.line}")
+    return f" ({printable('; '.join(places))})" if places else ""
 
 
 def closest(name: str, known: Iterable[str]) -> str:

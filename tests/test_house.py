@@ -34,7 +34,7 @@ TOKENS = {
     "epcontact.bem": 29_873,
     "epcontact.cli": 12_753,
     "epcontact.crosscheck": 3_203,
-    "epcontact.errors": 410,
+    "epcontact.errors": 517,
     "epcontact.files": 1_086,
     "epcontact.harness": 44_681,
     "epcontact.interface": 4_078,

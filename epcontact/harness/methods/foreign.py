@@ -55,7 +55,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -67,7 +66,7 @@ from epcontact import results
 from epcontact.errors import (
     InvalidCase,
     NotConverged,
-    printable,
+    place_of,
     sentence_of,
     without_controls,
 )
@@ -396,24 +395,8 @@ def _solve_here(source: str, scene: Scene | None) -> ContactResult | str | None:
         data = json.loads(json.dumps(plain(result.to_json()), allow_nan=False))
         return replace(ContactResult.from_json(data), fields=fields)
     except (Exception, SystemExit) as error:
-        place = _place_in_solver(error)
+        place = place_of(error, above=__file__, count=_PLACES)
         return f"solver {source} {doing.format(sentence_of(error), place)}"
-
-
-def _place_in_solver(error: BaseException) -> str:
-    """Return where an error was raised, such as " (solve in my_solver.py, line 6: x)".
-
-    The places are the last `_PLACES` lines of the traceback below this module, the
-    innermost last, with their files.  The text is empty if there is none.
-    """
-    frames = traceback.extract_tb(error.__traceback__)
-    called = [index for index, frame in enumerate(frames) if frame.filename == __file__]
-    below = frames[called[-1] + 1 :] if called else frames
-    places = []
-    for frame in below[-_PLACES:]:
-        name = Path(frame.filename).name
-        places.append(f"{name}, line {frame.lineno}, in {frame.name}: {frame.line}")
-    return f" ({printable('; '.join(places))})" if places else ""
 
 
 def _checked_fields(result: Any, shape: tuple[int, ...]) -> dict[str, FloatArray]:

@@ -19,7 +19,6 @@ import platform
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from epcontact.errors import EpcontactError, InvalidCase, sentence_of
+from epcontact.errors import EpcontactError, InvalidCase, place_of, sentence_of
 from epcontact.files import (
     lock_folders,
     output_error,
@@ -374,9 +373,7 @@ def solve_task(
         sentence = sentence_of(error)
         if not isinstance(error, EpcontactError | MemoryError):
             # An unexpected error is found by its place alone if it does not return.
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            name = Path(place.filename).name
-            sentence += f" ({name}, line {place.lineno}, in {place.name})"
+            sentence += place_of(error)
         return sentence
 
 
