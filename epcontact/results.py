@@ -13,6 +13,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,26 +82,34 @@ class Areas:
     plastic: float
 
 
-#: Sources of error whose estimates cover nine of ten errors.  Those of an effective
-#: hardness and of the scatter of surfaces are half-widths of 95 % intervals already.
-#: Those of a removed form and of missing heights cover 93 to 100 % (`alternatives`).
-_NINE_OF_TEN = ("grid", "treatment")
 #: Factor from an error estimate that covers nine of ten errors to the half-width of a
 #: 95 % interval: the ratio of these quantiles of a normal distribution, 1.960 / 1.645.
 #: On 316 areas of `laboratory.area_bank` (seeds 15000 to 15003 of all kinds but heights
 #: in steps, 64 and 128 points) the estimates cover 94.3 %, and 1.19 times them 95.6 %:
 #: 98.5 % of smooth and unloaded kinds, 90.0 % of sharp ones.
 FACTOR_TO_95 = 1.19
+#: Each source of the error of a value, and the factor from its estimate to the
+#: half-width of a 95 % interval.  The estimate of an effective hardness is such a
+#: half-width already, and those of a removed form and of missing heights cover 93 to
+#: 100 % (`alternatives`).
+ERROR_SOURCES = MappingProxyType(
+    {
+        "grid": FACTOR_TO_95,
+        "hardness": 1.0,
+        "treatment": FACTOR_TO_95,
+        "form": 1.0,
+        "missing": 1.0,
+    }
+)
 
 
 def factor_to_95(source: str) -> float:
     """Return the factor from an error estimate to the half-width of a 95 % interval.
 
     Args:
-        source: Name of the source of error: "grid", "treatment", "form", "missing",
-            "hardness" or another.
+        source: Name of the source of error, of `ERROR_SOURCES` or another.
     """
-    return FACTOR_TO_95 if source in _NINE_OF_TEN else 1.0
+    return ERROR_SOURCES.get(source, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,6 +54,7 @@ from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.run_info import RunInfo
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import (
+    ERROR_SOURCES,
     PressureDistribution,
     factor_to_95,
     package_versions,
@@ -61,7 +62,7 @@ from epcontact.results import (
 
 SKIPPED: Literal["skipped"] = "skipped"
 #: Sources of the error of a quantity, beside the grid and the scatter of surfaces.
-_OTHER_SOURCES = ("hardness", "treatment", "form", "missing")
+_OTHER_SOURCES = tuple(source for source in ERROR_SOURCES if source != "grid")
 
 
 class MethodEntry(Record):
