@@ -26,6 +26,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -300,6 +301,36 @@ def compile_seconds() -> float:
     if not _KERNELS.depth:
         return _KERNELS.total
     return _KERNELS.total + time.perf_counter() - _KERNELS.started
+
+
+@dataclass
+class Stopwatch:
+    """Adds up the time of `with` blocks, without that in which kernels are compiled.
+
+    Attributes:
+        seconds: wall time of all blocks that have ended.
+        processor_seconds: processor time of these blocks, with all threads.
+        running: True inside of a block.
+    """
+
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    running: bool = False
+
+    def __enter__(self) -> None:
+        """Start the time of a block, which must not be inside of another one."""
+        self.running = True
+        self._started = time.perf_counter() - compile_seconds()
+        self._processor_started = time.process_time() - compile_seconds()
+
+    def __exit__(self, *_: object) -> None:
+        """Add the time of the block."""
+        compiling = compile_seconds()
+        self.seconds += time.perf_counter() - compiling - self._started
+        self.processor_seconds += (
+            time.process_time() - compiling - self._processor_started
+        )
+        self.running = False
 
 
 def compiling() -> bool:

@@ -35,7 +35,7 @@ from epcontact.bem.memory import bytes_per_point
 from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.methods import foreign
 from epcontact.harness.methods.load_by_load import OnLoad, solve_load_by_load
-from epcontact.machine import compile_seconds
+from epcontact.machine import Stopwatch, compile_seconds
 from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Body, Load, Material, Scene, Surface
@@ -350,25 +350,6 @@ class Method:
 # and most commands solve nothing.
 
 
-class _Timed:
-    """Calls a function `on_load` and adds up the `seconds` that its calls take.
-
-    The time in which kernels are compiled does not count.
-    """
-
-    def __init__(self, on_load: OnLoad) -> None:
-        """Wrap a function that is called after each load with the result so far."""
-        self.on_load = on_load
-        self.seconds = 0.0
-
-    def __call__(self, result: ContactResult) -> None:
-        """Call the wrapped function with a result; add its time to `self.seconds`."""
-        started = time.perf_counter() - compile_seconds()
-        cost = {**result.cost, "seconds": result.cost["seconds"] - self.seconds}
-        self.on_load(replace(result, cost=cost))
-        self.seconds += time.perf_counter() - compile_seconds() - started
-
-
 def _persson(
     scene: Scene,
     options: Mapping[str, Any],
@@ -401,10 +382,20 @@ def _bem(
     scene = without_alternatives(scene)
     if on_load is None:
         return bem.solve(scene, threads=threads, **options)
-    timed = _Timed(on_load)
-    result = bem.solve(scene, threads=threads, on_step=timed, **options)
-    seconds = result.cost["seconds"] - timed.seconds
-    return replace(result, cost={**result.cost, "seconds": seconds})
+    watch = Stopwatch()
+
+    def without_time_of_calls(result: ContactResult) -> ContactResult:
+        """Return a result whose "seconds" leave out those of the calls so far."""
+        seconds = result.cost["seconds"] - watch.seconds
+        return replace(result, cost={**result.cost, "seconds": seconds})
+
+    def on_step(result: ContactResult) -> None:
+        """Call `on_load` with the result up to a load."""
+        with watch:
+            on_load(without_time_of_calls(result))
+
+    result = bem.solve(scene, threads=threads, on_step=on_step, **options)
+    return without_time_of_calls(result)
 
 
 def _fem(

@@ -21,7 +21,6 @@ A quantity that was measured at each load is not measured again at the end.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -32,7 +31,7 @@ from epcontact.harness.quantities.filled import FILLED
 from epcontact.harness.quantities.registry import QUANTITIES, measure_on
 from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.harness.solving.tasks import Task
-from epcontact.machine import compile_seconds
+from epcontact.machine import Stopwatch
 from epcontact.results import COLUMNS, ContactResult, LoadStep
 from epcontact.scene import Scene
 
@@ -53,36 +52,6 @@ _LARGEST_GRIDS: dict[str, int] = {
     "contact_percolation": 2**22,
     "gap_percolation": 2**22,
 }
-
-
-@dataclass
-class Stopwatch:
-    """Adds up the time of `with` blocks, without that in which kernels are compiled.
-
-    Attributes:
-        seconds: wall time of all blocks that have ended.
-        processor_seconds: processor time of these blocks, with all threads.
-        running: True inside of a block.
-    """
-
-    seconds: float = 0.0
-    processor_seconds: float = 0.0
-    running: bool = False
-
-    def __enter__(self) -> None:
-        """Start the time of a block, which must not be inside of another one."""
-        self.running = True
-        self._started = time.perf_counter() - compile_seconds()
-        self._processor_started = time.process_time() - compile_seconds()
-
-    def __exit__(self, *_: object) -> None:
-        """Add the time of the block."""
-        compiling = compile_seconds()
-        self.seconds += time.perf_counter() - compiling - self._started
-        self.processor_seconds += (
-            time.process_time() - compiling - self._processor_started
-        )
-        self.running = False
 
 
 #: The time that this process has spent on measuring.
