@@ -186,33 +186,53 @@ class LoadStep:
         a 95 % interval; estimates that cover nine of ten errors are multiplied by
         `FACTOR_TO_95`.
         """
-        values = {"mean_pressure": self.mean_pressure}
-        for name, value in self.quantities.items():
-            values[name.replace(".error", "_error_by_grid")] = value
+        values = {"mean_pressure": self.mean_pressure, **self.quantities}
         raw = self.areas.get("raw")
         if raw is not None and values.get("flowed_share") == raw.plastic:
             del values["flowed_share"]  # the plastic area says the same
         for part, area in vars(self.best_areas).items():
             values[f"{part}_area"] = area
-        for kind, areas in self.areas.items():
-            if kind.endswith("error"):
-                source = kind.removesuffix("error").rstrip("_") or "grid"
-                for part, error in vars(areas).items():
-                    values[f"{part}_area_error_by_{source}"] = error
         row = {}
         for column in COLUMNS:
             if column in values:
                 row[column] = values[column]
-            prefix = f"{column}_error_by_"
-            sources = {}
-            for error_name, error in values.items():
-                if error_name.startswith(prefix) and error:
-                    source = error_name.removeprefix(prefix)
-                    sources[error_name] = error * factor_to_95(source)
-            if sources:
-                row[f"{column}_error"] = math.hypot(*sources.values())
-                row |= sources
+            errors = {
+                f"{column}_error_by_{source}": error
+                for source, error in self.error_parts(column).items()
+                if error
+            }
+            if errors:
+                row[f"{column}_error"] = math.hypot(*errors.values())
+                row |= errors
         return row
+
+    def error_parts(self, name: str) -> dict[str, float]:
+        """Return the errors of a value at this load, by their source.
+
+        Each is the half-width of a 95 % interval in the unit of the value: an estimate
+        that covers nine of ten errors is multiplied by `FACTOR_TO_95`.  An error of 0
+        is one that the method states; no entry means that no error is known.
+
+        Args:
+            name: "total_area", "elastic_area" or "plastic_area", for the areas of
+                `best_areas`; or a key of `quantities`, such as "mean_gap".
+        """
+        estimates = {}
+        prefix = f"{name}_error_by_"
+        for quantity, value in self.quantities.items():
+            error_name = quantity.replace(".error", "_error_by_grid")
+            if error_name.startswith(prefix):
+                estimates[error_name.removeprefix(prefix)] = value
+        if name in ("total_area", "elastic_area", "plastic_area"):
+            part = name.removesuffix("_area")
+            for kind, areas in self.areas.items():
+                if kind.endswith("error"):
+                    source = kind.removesuffix("error").rstrip("_") or "grid"
+                    estimates[source] = getattr(areas, part)
+        return {
+            source: estimate * factor_to_95(source)
+            for source, estimate in estimates.items()
+        }
 
     def with_errors(
         self, relative_errors: Mapping[str, float], source: str

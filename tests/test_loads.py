@@ -641,3 +641,32 @@ def test_a_gate_against_a_number_counts_the_interval_of_the_hardness(metal):
     # Two results with one hardness share its error, which does not count.
     claim = 1.19 * areas["error"].total / areas["corrected"].total
     assert judged.grid_error == pytest.approx(claim)
+
+
+@pytest.mark.parametrize("quantity", ["mean_gap", "conductance", "hardness"])
+def test_a_gate_counts_the_error_that_the_table_of_loads_states(metal, quantity):
+    """A gate's interval holds the errors of a mean gap, a conductance and a hardness by
+    each source: by the grid (covers nine of ten, times 1.19) and by the hardness.
+    """
+    case, result, _ = metal
+    gate = replace(
+        case.gates[0], quantity=f"quantity.{quantity}", norm="absolute", against=0.0
+    )
+    judged = judge_case(
+        case.changed(gates=(gate,)), {"bem": MethodResults((result,), ("seed3",))}
+    ).gates[0]
+    values = result.final.quantities
+    by_grid = {
+        "mean_gap": values["mean_gap_error_by_grid"],
+        "conductance": values["conductance.error"],
+        "hardness": 0.0,
+    }
+    by_hardness = {
+        "mean_gap": values["mean_gap_error_by_hardness"],
+        "conductance": values["conductance_error_by_hardness"],
+        "hardness": values["hardness_error_by_map"],
+    }
+    error = np.hypot(1.19 * by_grid[quantity], by_hardness[quantity])
+    assert 0 < error == pytest.approx(judged.grid_error)
+    assert error == pytest.approx(judged.value.error_95)
+    assert error == pytest.approx(result.final.row[f"{quantity}_error"])

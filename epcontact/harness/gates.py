@@ -15,15 +15,15 @@ within its band, so an ensemble that is too small to decide does not pass.  Two
 ensembles over the same seeds are compared pair by pair.  A single surface has an
 interval of width 0.
 
-A corrected area, a stiffness and a conductance are estimates of a limit with an error
-estimate.  It is scaled to 95 % (see `results.factor_to_95`) and widens the interval as
-well, so that a gate does not hold if its values are less certain than its band is wide.
-If both sides estimate the same limit, the
-smaller error estimate counts, because the better value bounds the error of the other.
-If both follow from pressures at the same points, they share their error, and the
-difference of the error estimates counts.  A theory and a published number have no error
-estimate, so that the one of the other side counts.  Against a closed form the true
-error is seen, and no error estimate counts.
+A corrected area, a mean gap, a stiffness and a conductance are estimates of a limit
+with an error estimate.  It is scaled to 95 % (see `results.factor_to_95`) and widens
+the interval as well, so that a gate does not hold if its values are less certain than
+its band is wide.  If both sides estimate the same limit, the smaller error estimate
+counts, because the better value bounds the error of the other.  If both follow from
+pressures at the same points, they share their error, and the difference of the error
+estimates counts.  A theory and a published number have no error estimate, so that
+the one of the other side counts.  Against a closed form the true error is seen, and no
+error estimate counts.
 """
 
 from __future__ import annotations

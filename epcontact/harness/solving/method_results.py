@@ -48,6 +48,43 @@ class MethodResults:
                 return self.labels[i], self.labels[j]
         return None
 
+    def error_parts(self, quantity: str) -> dict[str, float]:
+        """Return the errors of a quantity at the last load, by their source.
+
+        They are means over the surfaces, see `mean_error_parts`, in the unit of the
+        quantity.  The result is empty if the method states no error of it.
+
+        Args:
+            quantity: its name in gates, such as "area.total.corrected" or
+                "quantity.mean_gap".
+        """
+        name = quantity.removeprefix("quantity.")
+        if quantity.startswith("area.") and quantity.endswith(".corrected"):
+            part = quantity.split(".")[1]
+            name = f"{part}_area"
+        elif name == quantity:
+            return {}
+        return mean_error_parts(
+            [result.final.error_parts(name) for result in self.results]
+        )
+
+
+def mean_error_parts(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Return the errors of a mean over surfaces, by their source.
+
+    The errors of different surfaces by one source have one cause, such as the grid, so
+    that the mean over many surfaces has as large an error as one surface.
+
+    Args:
+        parts: for each surface the half-widths of 95 % intervals by source, see
+            `LoadStep.error_parts`; a surface without a source has the error 0 by it.
+    """
+    sources = dict.fromkeys(itertools.chain(*parts))
+    return {
+        source: fmean(surface.get(source, 0.0) for surface in parts)
+        for source in sources
+    }
+
 
 def _are_equal(first: Mapping[str, float], second: Mapping[str, float]) -> bool:
     """Return whether all quantities of two results agree to 1e-6 of their values.
@@ -173,17 +210,23 @@ def _mean_row(
         mean = estimate([surface.get(name, math.nan) for surface in values])
         if math.isnan(mean.mean):
             continue
-        parts = {}
-        prefix = f"{name}_error_by_"
-        # An error that is 0 on a surface has no column there.
-        columns = dict.fromkeys(itertools.chain(*values))
-        for key in columns:
-            if key.startswith(prefix):
-                part = fmean(surface.get(key, 0.0) for surface in values)
-                parts[key.removeprefix(prefix)] = part
+        parts = mean_error_parts([_parts_in_row(surface, name) for surface in values])
         if mean.half_width:
             parts["scatter"] = mean.half_width
         # A value without any known error is not exact: its error is None.
         error = math.hypot(*parts.values()) if parts or name in _GIVEN else None
         row[name] = {"mean": mean.mean, "error": error, "parts": parts}
     return row
+
+
+def _parts_in_row(row: Mapping[str, float], name: str) -> dict[str, float]:
+    """Return the errors of a quantity by their source, from a row of `LoadStep.row`.
+
+    name: of the quantity; its errors are the columns "<name>_error_by_<source>".
+    """
+    prefix = f"{name}_error_by_"
+    return {
+        column.removeprefix(prefix): error
+        for column, error in row.items()
+        if column.startswith(prefix)
+    }

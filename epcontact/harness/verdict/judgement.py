@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from statistics import fmean
 from typing import Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError
@@ -44,9 +44,7 @@ from epcontact.harness.gates import (
     unjudged_verdict,
 )
 from epcontact.harness.quantities.registry import (
-    error_name_of,
     read_quantity,
-    scalar_quantities,
 )
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.digest import digest_of
@@ -54,15 +52,12 @@ from epcontact.harness.verdict.evidence import kind_of, subject_of
 from epcontact.harness.verdict.run_info import RunInfo
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import (
-    ERROR_SOURCES,
     PressureDistribution,
     factor_to_95,
     package_versions,
 )
 
 SKIPPED: Literal["skipped"] = "skipped"
-#: Sources of the error of a quantity, beside the grid and the scatter of surfaces.
-_OTHER_SOURCES = tuple(source for source in ERROR_SOURCES if source != "grid")
 
 
 class MethodEntry(Record):
@@ -466,16 +461,6 @@ def _read(results: MethodResults, name: str) -> list[float]:
     return [read_quantity(result, name) for result in results.results]
 
 
-def _mean_if_reported(results: MethodResults, name: str) -> float | None:
-    """Return the mean over the surfaces of a quantity at the last load.
-
-    Returns None if the method does not report the quantity for every surface.
-    """
-    if all(name in scalar_quantities(result) for result in results.results):
-        return fmean(_read(results, name))
-    return None
-
-
 def _references(case: Case, gate: Gate, against: MethodResults | None) -> list[float]:
     """Return the values of a gate's reference, in the unit of its quantity.
 
@@ -504,39 +489,26 @@ def _with_error_estimate(
         results: the results of this method; None: the mean is no method's.
 
     Returns:
-        A copy of `mean` with `claimed_error`, the mean of the error estimates as the
-        method reports them, and `error_95`, in which the errors by all sources and by
-        the scatter are joined; `mean` itself, if the method does not report an error
-        estimate of the quantity.
+        A copy of `mean` with `error_95`, in which the errors by all sources and by the
+        scatter are joined, and `claimed_error`, the mean of the estimates of the grid's
+        error as the method reports them; `mean` itself, if the method reports no error
+        of the quantity.
     """
-    error_name = error_name_of(gate.quantity)
-    if mean is None or results is None or not error_name:
+    if mean is None or results is None:
         return mean
-    error = _mean_if_reported(results, error_name)
-    if error is None:
+    parts = results.error_parts(gate.quantity)
+    if not parts:
         return mean
-    parts = [mean.half_width, _infinite_if_nan(error) * factor_to_95("grid")]
-    for source in _OTHER_SOURCES:
-        by_source = _mean_if_reported(results, _name_by_source(gate, source))
-        if by_source is not None:
-            parts.append(by_source * factor_to_95(source))
+    claimed = None
+    if "grid" in parts:
+        claimed = _infinite_if_nan(parts["grid"]) / factor_to_95("grid")
+    errors = map(_infinite_if_nan, parts.values())
     return mean.model_copy(
         update={
-            "claimed_error": _infinite_if_nan(error),
-            "error_95": math.hypot(*parts),
+            "claimed_error": claimed,
+            "error_95": math.hypot(mean.half_width, *errors),
         }
     )
-
-
-def _name_by_source(gate: Gate, source: str) -> str:
-    """Return the name of the error of a gate's quantity that one source causes.
-
-    `source` is one of `_OTHER_SOURCES`.
-    """
-    if gate.quantity.startswith("quantity."):
-        return f"{gate.quantity}_error_by_{source}"
-    error_name = error_name_of(gate.quantity)
-    return error_name.replace(".error", f".{source}_error")
 
 
 def _infinite_if_nan(error: float) -> float:
@@ -547,43 +519,56 @@ def _infinite_if_nan(error: float) -> float:
 def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
     """Return the error estimate by which a gate widens the interval of its difference.
 
-    Corrected areas, stiffnesses and conductances are extrapolated to a vanishing grid
-    spacing, and methods report an error estimate for each.  The module `gates` says
-    which of the two sides' estimates counts.  The error that an uncertain hardness or
-    the treatment of a measured map causes is added, if only one side has it.
+    Methods report errors of corrected areas, gaps, stiffnesses and conductances.  The
+    module `gates` says which of the two sides' estimates of the grid's error counts.
+    An error by another source, such as an uncertain hardness or the treatment of a
+    measured map, counts if only one side has it.
 
     Args:
         gate: the gate.
         sides: the results of its one or two methods.
 
     Returns:
-        The half-width of a 95 % interval, in the unit of the quantity: error estimates
-        that cover nine of ten errors are scaled by `factor_to_95`.  None if no error
-        estimate counts.
+        The half-width of a 95 % interval, in the unit of the quantity.  None if no
+        error estimate counts.
     """
-    error_name = error_name_of(gate.quantity)
-    against_closed_form = isinstance(gate.against, str) and len(sides) == 1
-    if not error_name or against_closed_form:
-        return None
-    errors = []
-    for side in sides:
-        error = _mean_if_reported(side, error_name)
-        if error:  # a theory has no grid and reports 0, which is no error estimate
-            errors.append(_infinite_if_nan(error))
-    total = min(errors, default=None)
+    if isinstance(gate.against, str) and len(sides) == 1:
+        return None  # against a closed form the true error is seen
+    parts_of_sides = [side.error_parts(gate.quantity) for side in sides]
+    counted = []
+    for source in dict.fromkeys(itertools.chain(*parts_of_sides)):
+        reported = [
+            _infinite_if_nan(parts[source])
+            for parts in parts_of_sides
+            if source in parts
+        ]
+        if source == "grid":
+            counted += _counted_grid_error(reported, sides)
+        # Two results on one map, or under one effective hardness, share this error.
+        elif len(reported) == 1:
+            counted += reported
+    return math.hypot(*counted) if counted else None
+
+
+def _counted_grid_error(
+    reported: Sequence[float], sides: Sequence[MethodResults]
+) -> list[float]:
+    """Return the error by the grid that counts for a gate, see the module `gates`.
+
+    Args:
+        reported: the error of each side that reports one, as the half-width of a 95 %
+            interval.
+        sides: the results of the gate's one or two methods.
+
+    Returns:
+        A list of this error, or of none.
+    """
+    # A theory has no grid and reports 0, which is no error estimate.
+    errors = [error for error in reported if error]
     on_same_points = all(_is_of_points(side) for side in sides)
     if len(errors) == 2 and math.inf not in errors and on_same_points:
-        total = abs(errors[0] - errors[1])
-    if total is not None:
-        total *= factor_to_95("grid")
-    for source in _OTHER_SOURCES:
-        name = _name_by_source(gate, source)
-        by_source = [_mean_if_reported(side, name) for side in sides]
-        reported = [error for error in by_source if error is not None]
-        # Two results on one map, or under one effective hardness, share this error.
-        if len(reported) == 1:
-            total = math.hypot(total or 0.0, reported[0] * factor_to_95(source))
-    return total
+        return [abs(errors[0] - errors[1])]
+    return [min(errors)] if errors else []
 
 
 def _is_of_points(results: MethodResults) -> bool:
