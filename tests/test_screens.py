@@ -34,6 +34,7 @@ VARYING = {
     r"(?<=\d),(?=\d{3} MiB)": "",
     r"\b(?=\d*[a-f])[0-9a-f]{12,}\b": "DIGEST",
     r"version VERSION, (commit|date) .*": "MACHINE",
+    r"VERSION on \d{4}-\d\d-\d\d": "VERSION on DATE",
 }
 #: Lines whose numbers are those of a clock, of a machine or of rounding.
 NOISE = re.compile(r"measured_|boundary elements \||\| yes \|")

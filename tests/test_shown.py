@@ -852,6 +852,10 @@ def test_a_verdict_says_first_whether_it_holds_how_right_it_is_and_where_to_look
     assert [theory.gates, theory.case] == [3, "c"]
     assert [theory.median, theory.largest] == pytest.approx([0.06, 0.3])
     assert rows["boundary elements – closed forms"].median == pytest.approx(0.01)
+    assert seen["largest_differences"] == (
+        "largest difference of total area: 30 % (theory – boundary elements), "
+        "1 % (boundary elements – closed forms)"
+    )
     assert [point.case for point in seen["points"]] == ["a", "b", "c", "d"]
     point = seen["points"][1]
     ends = [point.error, point.low, point.high]
@@ -859,6 +863,40 @@ def test_a_verdict_says_first_whether_it_holds_how_right_it_is_and_where_to_look
     order = [row["id"] for rows in seen["subjects"].values() for row in rows]
     assert order == ["c", "b", "a", "d", "e"]
     assert "1 case was skipped" in seen["uncovered_sentence"]
+
+
+def test_known_differences_are_set_apart_from_those_that_should_be_zero():
+    """Of two gates on the theory, one expects a difference of 20 to 40 %.
+
+    This one is marked, has a colour of its own and is not counted as a disagreement.
+    """
+    theory = ("persson", "method here")
+    gate = area_gate(0.13, 0.1, *theory).model_copy(update={"low": 0.2, "high": 0.4})
+    cases = [
+        case_with("a", "one", area_gate(0.104, 0.1, *theory)),
+        case_with("c", "two", gate),
+    ]
+    seen = overview(Verdict.on(cases, "fast"))
+    rows = [(row.pair, row.quantity, row.case) for row in seen["agreement"]]
+    pair = "theory – boundary elements"
+    assert rows == [(pair, "total area", "a"), ("known differences", pair, "c")]
+    assert seen["largest_differences"] == (
+        f"largest difference of total area: 4 % ({pair}); "
+        f"1 gate expects a known difference: up to 30 % ({pair}, case c)"
+    )
+    words = {row["case"]: row["words"] for row in seen["tightest"]}
+    assert [case for case in words if "known difference" in words[case]] == ["c"]
+    assert [point.pair for point in seen["points"]] == [pair, "known difference"]
+
+
+def test_the_page_shows_the_cases_in_the_order_of_its_list(tmp_path):
+    """Cases come by what they verify, the tightest first, and not by their names."""
+    shown = verdict_on_areas()
+    seen = overview(shown)
+    write_report(tmp_path / "x.html", shown.content, {}, overview=seen)
+    page = tree_of(tmp_path / "x.html")
+    sections = [section.get("id") for section in page.iter("section")]
+    assert [name for name in sections if name] == ["c", "b", "a", "d", "e"]
 
 
 def test_the_bar_of_a_gate_shows_where_its_difference_is_in_the_band():
@@ -929,7 +967,7 @@ def test_the_page_shows_the_numbers_of_each_gate_with_their_intervals(tmp_path):
 
 def test_nothing_a_case_says_becomes_html(tmp_path):
     """Every text that a case or a result supplies is escaped: the hostile markup
-    appears as text in all 15 places.
+    appears as text in all 16 places.
     """
     content = verdict().content
     case = content["cases"][0]
@@ -953,10 +991,11 @@ def test_nothing_a_case_says_becomes_html(tmp_path):
         overview=overview(Verdict.model_validate(content)),
     )
     text, captions, cells = page_of(tmp_path / "x.html")
-    assert text.count(HOSTILE) == 15
+    assert text.count(HOSTILE) == 16
     assert captions == {HOSTILE}
     for words in ("0123abcd", "256 MiB", "fft pairs 90", "such thing"):
         assert words in text
     assert f"cores {verdict().made.cores}" in text
-    values = [text for about, text in cells if about.get("field") == "value"]
+    gates = [(about, text) for about, text in cells if about.get("field") == "value"]
+    values = [text for about, text in gates if about["case"] == "case-0"]
     assert values[0] == "inf"

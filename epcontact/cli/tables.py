@@ -26,6 +26,7 @@ from epcontact.harness.verdict.overview import (
     evidence,
     gate_words,
     headline,
+    largest_differences,
     margin_text,
     skipped_cases,
     tightest_gates,
@@ -117,8 +118,9 @@ def print_summary(console: Console, verdict: Verdict) -> None:
     elif verdict.exit_code == 0:
         style = STYLES["skipped"]
     console.print(text_of(headline(verdict), f"bold {style}"))
-    if evidence(verdict):
-        print_sentence(console, evidence(verdict))
+    for sentence in (evidence(verdict), largest_differences(verdict)):
+        if sentence:
+            print_sentence(console, sentence)
     if any(case.gates for case in verdict.cases):
         console.print()
         console.print(_tightest_table(verdict, console.width))

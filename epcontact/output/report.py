@@ -152,9 +152,27 @@ def write_report(
         pictures=pictures or {},
         notes=notes,
         overview=overview or {},
+        cases=_in_order(verdict["cases"], overview or {}),
         counts=", ".join(counts),
     )
     write_text(path, f"{page}\n")
+
+
+def _in_order(cases: Sequence[Data], overview: Data) -> list[tuple[str, Data]]:
+    """Return cases in the order of the page's list of cases, each with its subject.
+
+    Args:
+        cases: the cases of verdict.json.
+        overview: the first screen, see `harness.verdict.overview`.  If it has no list
+            of cases, their order is kept and their subjects are "".
+    """
+    if "subjects" not in overview:
+        return [("", case) for case in cases]
+    by_id = {case["id"]: case for case in cases}
+    ordered = []
+    for subject, rows in overview["subjects"].items():
+        ordered += [(subject, by_id[row["id"]]) for row in rows]
+    return ordered
 
 
 def number_text(value: Any, digits: int = 4) -> str:

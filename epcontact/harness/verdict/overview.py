@@ -28,6 +28,7 @@ from epcontact.harness.verdict.judgement import (
     Verdict,
     tightest,
 )
+from epcontact.output.loads import difference_text
 
 _GateOfCase = tuple[CaseVerdict, GateVerdict]
 #: A margin above this is that of a difference by rounding alone.
@@ -44,20 +45,23 @@ _COMPARED = (
     "mean gap",
     "elastic energy",
 )
+_OTHER_QUANTITIES = "other quantities"
 #: Groups of quantities that describe the work of a solver.  No gate is expected to read
 #: them, so that they do not count as uncovered.
 _OF_WORK = ("cost.", "iterations.", "residual.")
 #: What references of these kinds are called, beside the method that is judged.
 _FORMULAS = {"closed form": "closed forms", "published": "published laws"}
-#: What gates judge, by the kind of their reference.
+#: What gates compare with, by the kind of their reference.
 _EVIDENCE = {
-    "closed form": "against closed forms",
-    "method here": "against another method or an earlier value of this program",
-    "other code": "against programs of others",
-    "published": "against published results",
-    "experiment": "against experiments",
-    "identity": "on laws that any correct result obeys",
+    "closed form": "with closed forms",
+    "method here": "with another method or an earlier value of this program",
+    "other code": "with programs of others",
+    "published": "with published results",
+    "experiment": "with experiments",
+    "identity": "with laws that any correct result obeys",
 }
+#: Marks gates that expect a difference, such as that of an approximation.
+_KNOWN_DIFFERENCE = "known difference"
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,10 @@ class Agreement:
     """How well two methods, or a method and its closed forms, agree on a quantity.
 
     Attributes:
-        pair: what is compared, such as "theory – boundary elements".
-        quantity: the quantity in words, such as "total area".
+        pair: what is compared, such as "theory – boundary elements"; or "known
+            differences" for gates that expect a difference.
+        quantity: the quantity in words, such as "total area"; what is compared, if it
+            is a known difference.
         gates: the number of comparisons.
         median: the median of the absolute relative differences.
         largest: the largest of them.
@@ -88,7 +94,7 @@ class AreaPoint:
     Attributes:
         case: the id of the case.
         part: "total", "elastic" or "plastic".
-        pair: what is compared, as in `Agreement`.
+        pair: what is compared, as in `Agreement`, or "known difference".
         reference: the area of the reference.
         value: the area of the method that is judged.
         error: half the width of the interval of their difference.
@@ -114,8 +120,8 @@ def overview(verdict: Verdict) -> dict[str, Any]:
     Returns:
         A dictionary with these keys:
 
-        - `headline`, `evidence`, `uncovered_sentence`: see the functions of this module
-          with these names;
+        - `headline`, `evidence`, `largest_differences`, `uncovered_sentence`: see the
+          functions of this module with these names;
         - `tightest`: for each gate nearest to falling short its `case` (the id), `gate`
           (its verdict), `words` (see `gate_words`), `margin` (a text) and `bar` (see
           `band_bar`);
@@ -155,6 +161,7 @@ def overview(verdict: Verdict) -> dict[str, Any]:
     return {
         "headline": headline(verdict),
         "evidence": evidence(verdict),
+        "largest_differences": largest_differences(verdict),
         "tightest": tight,
         "agreement": agreement(verdict),
         "points": area_points(verdict),
@@ -221,7 +228,10 @@ def evidence(verdict: Verdict) -> str:
     if not parts:
         return ""
     methods = ", ".join(dict.fromkeys(_method_words(gate.of) for gate in gates))
-    return f"verified: {methods}; gates: {', '.join(parts)}"
+    return (
+        f"verified: contact of surfaces by {methods}; gates that compare: "
+        f"{', '.join(parts)}"
+    )
 
 
 # --- where to look
@@ -318,11 +328,25 @@ def quantity_words(name: str) -> str:
 def gate_words(gate: GateVerdict) -> str:
     """Return what a gate compares in words, such as "total area of boundary elements
     against theory".
+
+    A gate that expects a difference is marked as such.
     """
-    return (
+    words = (
         f"{quantity_words(gate.quantity)} of {_method_words(gate.of)} against "
         f"{_reference_words(gate)}"
     )
+    if expects_difference(gate):
+        words += f" ({_KNOWN_DIFFERENCE})"
+    return words
+
+
+def expects_difference(gate: GateVerdict) -> bool:
+    """Return whether a gate holds only if both sides differ: 0 is outside its band.
+
+    Such a gate states the known error of an approximation.  Only relative differences
+    count, because a distance of two fields is never 0.
+    """
+    return gate.norm == "relative" and not gate.low <= 0 <= gate.high
 
 
 def _method_words(name: str) -> str:
@@ -349,12 +373,16 @@ def _pair_of(gate: GateVerdict) -> str:
     """
     if not isinstance(gate.against, str):
         return ""
+    sides = [_method_words(gate.of)]
     if gate.kind in _FORMULAS:
-        return f"{_method_words(gate.of)} – {_FORMULAS[gate.kind]}"
-    sides = sorted((gate.of, gate.against), key=lambda name: name != "persson")
-    if "fem" in sides and "bem" in sides:
-        sides = ["fem", "bem"]
-    return " – ".join(map(_method_words, sides))
+        sides.append(_FORMULAS[gate.kind])
+    elif {gate.of, gate.against} == {"fem", "bem"}:
+        sides = [_method_words("fem"), _method_words("bem")]
+    elif gate.against == "persson":
+        sides.insert(0, _method_words(gate.against))
+    else:
+        sides.append(_method_words(gate.against))
+    return " – ".join(sides)
 
 
 def agreement(verdict: Verdict) -> list[Agreement]:
@@ -363,7 +391,8 @@ def agreement(verdict: Verdict) -> list[Agreement]:
     The gates are those of the norm "relative" whose reference is a method or a formula.
     They are grouped by the two sides and by the quantity; quantities that are not in
     `_COMPARED` are one group, "other quantities".  A gate without a finite difference
-    is left out.
+    is left out.  Gates that expect a difference are the last groups: their pair is
+    "known differences", and the two sides are in the place of the quantity.
     """
     groups: dict[tuple[str, str], list[tuple[float, str]]] = defaultdict(list)
     for case, gate in _gates_of(verdict):
@@ -373,7 +402,10 @@ def agreement(verdict: Verdict) -> list[Agreement]:
         if not math.isfinite(gate.difference.mean):
             continue
         words = quantity_words(gate.quantity)
-        quantity = words if words in _COMPARED else "other quantities"
+        quantity = words if words in _COMPARED else _OTHER_QUANTITIES
+        if expects_difference(gate):
+            quantity = pair
+            pair = f"{_KNOWN_DIFFERENCE}s"
         groups[pair, quantity].append((abs(gate.difference.mean), case.id))
     order = {name: place for place, name in enumerate(_COMPARED)}
     rows = []
@@ -408,6 +440,8 @@ def area_points(verdict: Verdict) -> list[AreaPoint]:
         value, reference = gate.value.mean, gate.reference.mean
         if not (0 < value <= 1 and 0 < reference <= 1):
             continue
+        if expects_difference(gate):
+            pair = _KNOWN_DIFFERENCE  # has one colour
         scale = reference if gate.norm == "relative" else 1.0
         points.append(
             AreaPoint(
@@ -424,12 +458,46 @@ def area_points(verdict: Verdict) -> list[AreaPoint]:
     return sorted(points, key=lambda point: _pair_order(point.pair))
 
 
-def _pair_order(pair: str) -> tuple[bool, str]:
+def _pair_order(pair: str) -> tuple[bool, bool, str]:
     """Return a key that sorts comparisons of two methods before those with formulas.
 
-    `pair` is a text of `_pair_of`.
+    Known differences are last.  `pair` is a text of `_pair_of`.
     """
-    return pair.endswith(tuple(_FORMULAS.values())), pair
+    with_formula = pair.endswith(tuple(_FORMULAS.values()))
+    return pair.startswith(_KNOWN_DIFFERENCE), with_formula, pair
+
+
+def largest_differences(verdict: Verdict) -> str:
+    """Return a sentence on how well results agree, without a final point.
+
+    It has, for each two sides that are compared, the largest relative difference of the
+    quantity that matters most: the total area, or the first one of the table of
+    `agreement` that has been compared.  Known differences are counted apart.  The
+    sentence is empty if no gate compares two sides.
+    """
+    rows = agreement(verdict)
+    known = [row for row in rows if row.pair.startswith(_KNOWN_DIFFERENCE)]
+    others = [row for row in rows if row not in known]
+    sentences = []
+    if others:
+        order = [*_COMPARED, _OTHER_QUANTITIES]
+        quantity = min((row.quantity for row in others), key=order.index)
+        largest = [
+            f"{difference_text(row.largest)} ({row.pair})"
+            for row in others
+            if row.quantity == quantity
+        ]
+        words = "all quantities" if quantity == _OTHER_QUANTITIES else quantity
+        sentences.append(f"largest difference of {words}: {', '.join(largest)}")
+    if known:
+        count = sum(row.gates for row in known)
+        worst = max(known, key=lambda row: row.largest)
+        verb = "expects" if count == 1 else "expect"
+        sentences.append(
+            f"{_count(count, 'gate')} {verb} a known difference: up to "
+            f"{difference_text(worst.largest)} ({worst.quantity}, case {worst.case})"
+        )
+    return "; ".join(sentences)
 
 
 # --- what is not covered, and the cases
