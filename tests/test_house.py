@@ -37,7 +37,7 @@ TOKENS = {
     "epcontact.errors": 517,
     "epcontact.files": 1_086,
     "epcontact.harness": 44_534,
-    "epcontact.interface": 4_078,
+    "epcontact.interface": 4_273,
     "epcontact.machine": 1_488,
     "epcontact.materials": 1_664,
     "epcontact.output": 17_133,

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.bem.workers import compiled
 from epcontact.interface.limit import Limit
 from epcontact.interface.runs import (
     add_points,
@@ -141,8 +142,8 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
     differences = (np.array(by_sides) + by_corners) / 2 - limit
     scatter = math.sqrt(np.mean(np.square(differences)))
     finer = _with_midpoints(values)
-    finer_sides = _spanning_fraction(finer, False, sides, margin)
-    finer_corners = _spanning_fraction(finer, True, finer_sides, margin)
+    finer_sides = _spanning_fraction(finer, False, sides, margin / 2)
+    finer_corners = _spanning_fraction(finer, True, finer_sides, margin / 4)
     change = (finer_sides + finer_corners) / 2 - limit
     of_grid = math.hypot((sides - corners) / 2, scatter)
     return Limit(limit, sides, math.hypot(_GRID * of_grid, _SADDLES * change))
@@ -152,16 +153,55 @@ def _with_midpoints(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a field on a grid twice as fine, by cubic interpolation along each axis.
 
     Args:
-        values: (nx, ny) or (nx,), periodic, in any unit.
+        values: (nx, ny) or (nx,), periodic and contiguous, in any unit.
     """
-    for axis in range(values.ndim):
-        next_values = np.roll(values, -1, axis)
-        outer = np.roll(values, 1, axis) + np.roll(values, -2, axis)
-        midpoints = (9 * (values + next_values) - outer) / 16
-        shape = list(values.shape)
-        shape[axis] *= 2
-        values = np.stack([values, midpoints], axis=axis + 1).reshape(shape)
-    return values
+    shape = [2 * size for size in values.shape]
+    finer = np.empty(shape)
+    interpolate_rows(np.atleast_2d(values), np.atleast_2d(finer))
+    return finer
+
+
+@compiled
+def interpolate_rows(values: Any, finer: Any) -> None:
+    """Interpolate a periodic field to a grid twice as fine.
+
+    A midpoint is the value of the cubic polynomial through the four points around it.
+
+    Args:
+        values: (rows, columns).
+        finer: overwritten; it has twice as many columns, and twice as many rows, unless
+            `values` is a line with a single row.
+    """
+    rows, columns = values.shape
+    between = np.empty(columns)
+    for row in range(rows):
+        interpolate_row(values[row], finer[row * finer.shape[0] // rows])
+        if finer.shape[0] == rows:
+            continue
+        outer = row - 1
+        following = (row + 1) % rows
+        second = (row + 2) % rows
+        for column in range(columns):
+            inner_sum = values[row, column] + values[following, column]
+            outer_sum = values[outer, column] + values[second, column]
+            between[column] = (9 * inner_sum - outer_sum) / 16
+        interpolate_row(between, finer[2 * row + 1])
+
+
+@compiled
+def interpolate_row(values: Any, finer: Any) -> None:
+    """Interpolate a periodic row to twice as many points; see `interpolate_rows`.
+
+    Args:
+        values: (columns,).
+        finer: (2 columns,), overwritten: values and midpoints in turn.
+    """
+    columns = values.size
+    for column in range(columns):
+        inner_sum = values[column] + values[(column + 1) % columns]
+        outer_sum = values[column - 1] + values[(column + 2) % columns]
+        finer[2 * column] = values[column]
+        finer[2 * column + 1] = (9 * inner_sum - outer_sum) / 16
 
 
 def _spanning_fraction(

@@ -100,8 +100,8 @@ class CaseTable(Table):
         "s; processor time of each thread after which a solve is stopped", 900.0, gt=0
     )
     columns: list[MeasuredColumn] = key(
-        "columns of the table of loads that are measured on any grid; else stiffness "
-        "and conductance up to 2^20 points, percolation up to 2^22",
+        "columns of the table of loads that are measured on any grid; else stiffness, "
+        "conductance and percolation up to 2^20 points",
         [],
     )
     verify: bool = key("whether a bare `epcontact verify` includes the case", True)

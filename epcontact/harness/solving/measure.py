@@ -23,10 +23,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import Case
+from epcontact.harness.case_files.model import MeasuredColumn
 from epcontact.harness.quantities.filled import FILLED
 from epcontact.harness.quantities.registry import QUANTITIES, measure_on
 from epcontact.harness.quantities.solved_scene import SolvedScene
@@ -42,16 +43,10 @@ QUANTITIES_OF_EACH_LOAD = tuple(
     for name in (f"quantity.{column}", f"quantity.{column}.error")
     if name in QUANTITIES and QUANTITIES[name].measure
 )
-#: The largest numbers of grid points on which columns are measured without a request.
-#: A stiffness takes a linear solve on the contact, which is a fifth of a solve of the
-#: contact; a percolation takes an eighth and 12 bytes a point.
-_LARGEST_GRIDS: dict[str, int] = {
-    "stiffness_loading": 2**20,
-    "stiffness_unloading": 2**20,
-    "conductance": 2**20,
-    "contact_percolation": 2**22,
-    "gap_percolation": 2**22,
-}
+#: The largest number of grid points on which `MeasuredColumn` are measured without a
+#: request.  Each of them takes more than a tenth of a solve: a stiffness a linear solve
+#: on the contact, a percolation passes over a grid twice as fine.
+_LARGEST_GRID = 2**20
 
 
 #: The time that this process has spent on measuring.
@@ -108,11 +103,9 @@ def columns_left_out(case: Case, points: int) -> list[str]:
     requested: set[str] = set(case.head.columns)
     if case.conductances:
         requested.add("conductance")
-    return [
-        column
-        for column, largest_grid in _LARGEST_GRIDS.items()
-        if points > largest_grid and column not in requested
-    ]
+    if points <= _LARGEST_GRID:
+        return []
+    return [name for name in get_args(MeasuredColumn) if name not in requested]
 
 
 def left_out_sentence(case: Case) -> str:
