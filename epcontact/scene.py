@@ -21,7 +21,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -243,6 +243,155 @@ class Surface:
         return digest.hexdigest()
 
 
+class YieldCurve(NamedTuple):
+    """The yield stress of a J2 metal over its accumulated plastic strain.
+
+    It is linear between points, and beyond the last one.
+
+    Attributes:
+        strains: (n,) plastic strains of the points, dimensionless, ascending from 0.
+        stresses: (n,) yield stresses at the points, in Pa.
+        last_slope: slope of the yield stress beyond the last point, in Pa; 0 if it
+            stays as it is there.
+    """
+
+    strains: tuple[float, ...]
+    stresses: tuple[float, ...]
+    last_slope: float
+
+
+@dataclass(frozen=True)
+class HardeningLaw:
+    """A law by which the yield stress of a J2 metal grows with its plastic strain.
+
+    All methods know a law by its yield curve alone.  Its parameters are the value of a
+    field of `Material`, whose name is that of the law in `HARDENING_LAWS`.
+
+    Attributes:
+        meaning: what the parameters are.
+        unit: unit of the parameters; "" if they are no single number.
+        check: takes what the user gave and returns the parameters, which are false (0
+            or empty) if the metal does not have this law; raises InvalidScene if they
+            are not valid.
+        curve: takes the yield stress without plastic strain, in Pa, and parameters that
+            are not false, and returns the yield curve; raises InvalidScene if the
+            parameters do not fit the yield stress.
+        describe: takes the parameters and returns them as one number, or in words with
+            their units.
+    """
+
+    meaning: str
+    unit: str
+    check: Callable[[Any], Any]
+    curve: Callable[[float, Any], YieldCurve]
+    describe: Callable[[Any], float | str]
+
+    def text(self, parameters: Any) -> str:
+        """Return the parameters of the law as text, with their units."""
+        described = self.describe(parameters)
+        if isinstance(described, str):
+            return described
+        return f"{described:.4g} {self.unit}"
+
+
+def _checked_modulus(given: Any) -> float:
+    """Return a modulus of linear hardening in Pa; 0 is no hardening.
+
+    Raises InvalidScene if it is not a number, negative or infinite.
+    """
+    return number(
+        "hardening_modulus",
+        given,
+        "0 or positive, in Pa",
+        lambda modulus: 0 <= modulus < math.inf,
+    )
+
+
+def _linear_curve(yield_stress: float, modulus: float) -> YieldCurve:
+    """Return the yield curve of linear hardening; both arguments are in Pa."""
+    return YieldCurve((0.0,), (yield_stress,), modulus)
+
+
+def _checked_curve(given: Any) -> tuple[tuple[float, float], ...]:
+    """Return a hardening curve as a tuple of points (plastic strain, stress in Pa).
+
+    Args:
+        given: a sequence of such pairs; empty: there is no curve.
+
+    Raises:
+        InvalidScene: There is a single point, or an entry is not a pair of numbers, or
+            the strains do not increase, or a stress is not positive or decreases.
+    """
+    try:
+        curve = tuple((float(strain), float(stress)) for strain, stress in given)
+    except (TypeError, ValueError):
+        raise InvalidScene(
+            f"hardening_curve is {given!r:.60}, but must be a list of pairs: plastic "
+            "strain, yield stress in Pa"
+        ) from None
+    _require(len(curve) != 1, "hardening_curve has one point; give two or more")
+    for point in curve:
+        _require(
+            all(math.isfinite(value) for value in point) and point[1] > 0,
+            f"hardening_curve has the point {list(point)}; give finite strains and "
+            "positive stresses in Pa",
+        )
+    for before, after in itertools.pairwise(curve):
+        _require(
+            before[0] < after[0] and before[1] <= after[1],
+            f"hardening_curve goes from {list(before)} to {list(after)}, but plastic "
+            "strains must increase, and stresses must not decrease",
+        )
+    return curve
+
+
+def _tabulated_curve(
+    yield_stress: float, points: tuple[tuple[float, float], ...]
+) -> YieldCurve:
+    """Return the yield curve of a table, whose last stress stays.
+
+    Args:
+        yield_stress: in Pa.
+        points: pairs of plastic strain and yield stress in Pa.
+
+    Raises:
+        InvalidScene: The first point is not the plastic strain 0 and the yield stress.
+    """
+    _require(
+        points[0] == (0.0, yield_stress),
+        f"hardening_curve must begin at [0, {yield_stress:g}], a plastic strain of 0 "
+        "and the yield_stress",
+    )
+    strains = tuple(strain for strain, _ in points)
+    stresses = tuple(stress for _, stress in points)
+    return YieldCurve(strains, stresses, 0.0)
+
+
+def _describe_points(points: tuple[tuple[float, float], ...]) -> str:
+    """Return the points (plastic strain, stress in Pa) of a curve in words."""
+    return ", ".join(f"{stress:g} Pa at {strain:g}" for strain, stress in points)
+
+
+#: The hardening laws by the names of their parameters, which are fields of `Material`
+#: and keys of the table [material] of a case.
+HARDENING_LAWS: Mapping[str, HardeningLaw] = {
+    "hardening_modulus": HardeningLaw(
+        "slope of the yield stress over the plastic strain",
+        "Pa",
+        _checked_modulus,
+        _linear_curve,
+        float,
+    ),
+    "hardening_curve": HardeningLaw(
+        "yield stress by plastic strain",
+        "",
+        _checked_curve,
+        _tabulated_curve,
+        _describe_points,
+    ),
+}
+
+
 @dataclass(frozen=True)
 class Material:
     """The elastoplastic solid.  The counterface is rigid.
@@ -277,65 +426,32 @@ class Material:
         stress = positive("yield_stress", self.yield_stress, "Pa", finite=False)
         set_frozen(self, poisson_ratio=ratio, young_modulus=modulus)
         set_frozen(self, hardness=hardness, yield_stress=stress)
-        hardening = number(
-            "hardening_modulus",
-            self.hardening_modulus,
-            "0 or positive, in Pa",
-            lambda modulus: 0 <= modulus < math.inf,
-        )
-        curve = _checked_curve(self.hardening_curve)
-        set_frozen(self, hardening_modulus=hardening, hardening_curve=curve)
+        for name, law in HARDENING_LAWS.items():
+            set_frozen(self, **{name: law.check(getattr(self, name))})
+        names = list(self.hardening)
         _require(
-            not (self.hardens and math.isinf(stress)),
+            len(names) <= 1,
+            f"{' and '.join(names)} are two hardening laws; give one",
+        )
+        _require(
+            not names or stress < math.inf,
             "hardening needs the yield_stress at which it begins; give it in Pa",
         )
-        _require(
-            not (curve and hardening > 0),
-            "hardening_modulus and hardening_curve are two hardening laws; give one",
-        )
-        _require(
-            not curve or curve[0] == (0.0, stress),
-            f"hardening_curve must begin at [0, {stress:g}], a plastic strain of 0 and "
-            "the yield_stress",
-        )
+        _ = self.yield_curve  # it raises InvalidScene if the law does not fit
 
     @property
-    def hardens(self) -> bool:
-        """True if the yield stress grows with the plastic strain."""
-        return self.hardening_modulus > 0 or bool(self.hardening_curve)
+    def hardening(self) -> dict[str, HardeningLaw]:
+        """The hardening law of the metal by its name; empty if it does not harden."""
+        laws = HARDENING_LAWS.items()
+        return {name: law for name, law in laws if getattr(self, name)}
 
-
-def _checked_curve(given: Any) -> tuple[tuple[float, float], ...]:
-    """Return a hardening curve as a tuple of points (plastic strain, stress in Pa).
-
-    Args:
-        given: a sequence of such pairs; empty: there is no curve.
-
-    Raises:
-        InvalidScene: There is a single point, or an entry is not a pair of numbers, or
-            the strains do not increase, or a stress is not positive or decreases.
-    """
-    try:
-        curve = tuple((float(strain), float(stress)) for strain, stress in given)
-    except (TypeError, ValueError):
-        raise InvalidScene(
-            f"hardening_curve is {given!r:.60}, but must be a list of pairs: plastic "
-            "strain, yield stress in Pa"
-        ) from None
-    _require(len(curve) != 1, "hardening_curve has one point; give two or more")
-    for point in curve:
-        _require(
-            all(math.isfinite(value) for value in point) and point[1] > 0,
-            f"hardening_curve has the point {list(point)}; give finite strains and "
-            "positive stresses in Pa",
-        )
-    for before, after in itertools.pairwise(curve):
-        _require(
-            before[0] < after[0] and before[1] <= after[1],
-            f"hardening_curve goes from {list(before)} to {list(after)}, but plastic "
-            "strains must increase, and stresses must not decrease",
-        )
-    return curve
+    @property
+    def yield_curve(self) -> YieldCurve:
+        """The yield stress of J2 flow over the accumulated plastic strain."""
+        if not self.hardening:
+            return YieldCurve((0.0,), (self.yield_stress,), 0.0)
+        [(name, law)] = self.hardening.items()
+        return law.curve(self.yield_stress, getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -452,12 +568,12 @@ class Scene:
         texts = self.surface._description
         material = self.material
         texts["poisson ratio"] = f"{material.poisson_ratio:.4g}"
-        for name in ("young_modulus", "hardness", "yield_stress", "hardening_modulus"):
+        for name in ("young_modulus", "hardness", "yield_stress"):
             value = getattr(material, name)
-            if 0 < value < math.inf:
+            if value < math.inf:
                 texts[name.replace("_", " ")] = f"{value:.4g} Pa"
-        if material.hardening_curve:
-            texts["hardening curve"] = f"{len(material.hardening_curve)} points"
+        for name, law in material.hardening.items():
+            texts[name.replace("_", " ")] = law.text(getattr(material, name))
         texts["body"] = self.body.kind.replace("_", " ")
         if self.body.kind != "half_space":
             texts["body"] += f", {self.body.depth:.4g} m deep"
@@ -512,9 +628,10 @@ def scene_digest(
     }
     for part in (material, body, load):
         values = asdict(part)
-        if part is material and not material.hardens:
-            # The digests of earlier versions, which had no hardening.
-            del values["hardening_modulus"], values["hardening_curve"]
+        if part is material:
+            # A law that is added later changes no digest of a metal without it.
+            for name in HARDENING_LAWS.keys() - material.hardening.keys():
+                del values[name]
         content[type(part).__name__] = {
             name: repr(value) for name, value in values.items()
         }

@@ -20,11 +20,10 @@ return is
     theta = 1 - excess/|s_trial|
     theta_bar = 1/(1 + H/(3 mu)) - (1 - theta)
 
-(box 3.2).  A tabulated hardening curve has a modulus H and a line sigma_Y + H a in each
-of its segments.  The return ends on the segment that it reaches, on whose line R is
-taken, so that the formulas above hold there.  Another hardening law changes `J2Law`,
-`law_of`, `_radius_on_curve`, `_excess_on_curve` and `plastic_work_density` here;
-`.docs/extend.md` names the other places.
+(box 3.2).  A hardening curve has a modulus H and a line sigma_Y + H a in each of its
+segments.  The return ends on the segment that it reaches, on whose line R is taken, so
+that the formulas above hold there.  Any law of isotropic hardening comes as such a
+curve, the `yield_curve` of the material (`epcontact.scene.HARDENING_LAWS`).
 
 Only elements that have flowed have a history (e_p, a): they are few, and a history is
 large.  Two compiled loops work on LANES elements at a time (`lanes`).  `_stress_update`
@@ -107,6 +106,7 @@ class J2Law(NamedTuple):
         bends: (n, 2) points where the slope of a hardening curve changes: accumulated
             plastic strain, ascending, and change of the slope in Pa; None: there is no
             curve.
+        saturates: whether the yield stress is bounded, so that a body can flow freely.
     """
 
     shear_modulus: float
@@ -114,19 +114,12 @@ class J2Law(NamedTuple):
     yield_stress: float
     hardening_modulus: float = 0.0
     bends: FloatArray | None = None
+    saturates: bool = True
 
     @property
     def moduli(self) -> Moduli:
         """The moduli and the yield stress of this law."""
         return Moduli(*self[:4])
-
-    @property
-    def saturates(self) -> bool:
-        """True if the yield stress of the law is bounded: a body can flow freely.
-
-        This is so without hardening, and of a curve, which keeps its last stress.
-        """
-        return self.hardening_modulus == 0 or self.bends is not None
 
 
 def law_of(material: Material, flows: bool) -> J2Law:
@@ -136,23 +129,21 @@ def law_of(material: Material, flows: bool) -> J2Law:
         material: elastic constants, yield stress and hardening.
         flows: whether it flows; otherwise the law has an infinite yield stress.
     """
-    elastic = j2_law(material.young_modulus, material.poisson_ratio, math.inf)
     if not flows:
-        return elastic
-    if not material.hardening_curve:
-        return j2_law(
-            material.young_modulus,
-            material.poisson_ratio,
-            material.yield_stress,
-            material.hardening_modulus,
-        )
-    strain, stress = np.transpose(material.hardening_curve)
-    slopes = np.append(np.diff(stress) / np.diff(strain), 0.0)
-    return elastic._replace(
-        yield_stress=float(stress[0]),
-        hardening_modulus=float(slopes[0]),
-        bends=np.stack([strain[1:], np.diff(slopes)], axis=1),
+        return j2_law(material.young_modulus, material.poisson_ratio, math.inf)
+    curve = material.yield_curve
+    slopes = np.diff(curve.stresses) / np.diff(curve.strains)
+    slopes = np.append(slopes, curve.last_slope)
+    bends = None
+    if len(slopes) > 1:
+        bends = np.stack([curve.strains[1:], np.diff(slopes)], axis=1)
+    law = j2_law(
+        material.young_modulus,
+        material.poisson_ratio,
+        curve.stresses[0],
+        float(slopes[0]),
     )
+    return law._replace(bends=bends, saturates=curve.last_slope == 0)
 
 
 def j2_law(
@@ -175,6 +166,7 @@ def j2_law(
         bulk_modulus=young_modulus / (3 * (1 - 2 * poisson_ratio)),
         yield_stress=float(yield_stress),
         hardening_modulus=float(hardening_modulus),
+        saturates=hardening_modulus == 0,
     )
 
 

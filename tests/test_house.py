@@ -47,7 +47,7 @@ TOKENS = {
     "epcontact.planning": 5_093,
     "epcontact.reference": 7_272,
     "epcontact.results": 2_180,
-    "epcontact.scene": 3_804,
+    "epcontact.scene": 4_205,
     "epcontact.studies": 23_137,
     "epcontact.surfaces": 20_596,
     "fem_check": 29_299,

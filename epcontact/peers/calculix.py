@@ -302,10 +302,12 @@ def _yield_curve(material: Material) -> tuple[tuple[float, float], ...]:
     CalculiX, too, takes straight lines between the points, and the last stress beyond
     the last point.
     """
-    if material.hardening_curve:
-        return material.hardening_curve
-    first = material.yield_stress
-    return (0.0, first), (1.0, first + material.hardening_modulus)
+    curve = material.yield_curve
+    points = list(zip(curve.strains, curve.stresses, strict=True))
+    if curve.last_slope > 0 or len(points) == 1:
+        strain, stress = points[-1]
+        points.append((strain + 1.0, stress + curve.last_slope))
+    return tuple(points)
 
 
 def _step_lines(force: float, options: FemOptions) -> list[str]:
@@ -618,14 +620,10 @@ def _describe(scene: Scene, options: FemOptions) -> list[str]:
 
 def _describe_hardening(material: Material) -> list[str]:
     """Return a phrase on the hardening of a material; no phrase if it has none."""
-    if not material.hardens:
-        return []
-    if not material.hardening_curve:
-        return [f"hardening modulus {material.hardening_modulus:g} Pa"]
-    points = [
-        f"{stress:g} Pa at {strain:g}" for strain, stress in _yield_curve(material)
+    return [
+        f"{name.replace('_', ' ')} {law.text(getattr(material, name))}"
+        for name, law in material.hardening.items()
     ]
-    return [f"yield stress by plastic strain {', '.join(points)}"]
 
 
 def _write_mesh(mesh: Any, path: Any, file: Path) -> None:

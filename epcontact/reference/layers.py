@@ -348,12 +348,11 @@ def _largest_flow(scene: Scene) -> tuple[float, float]:
     if peak <= uniaxial_yield_pressure(material):
         return 0.0, 2 * mu * peak / oedometric_modulus(material)
     K = _bulk_modulus(material)
-    curve = material.hardening_curve or ((0.0, material.yield_stress),)
-    last_strain, last_stress = curve[-1]
+    curve = material.yield_curve
     # Without hardening, a is 2/3 of the strain since yield, which is below peak/K.
     growth = peak / K
-    end = last_strain + growth, last_stress + material.hardening_modulus * growth
-    a, q = np.transpose([*curve, end])
+    a = np.append(curve.strains, curve.strains[-1] + growth)
+    q = np.append(curve.stresses, curve.stresses[-1] + curve.last_slope * growth)
     pressure = K * (q + 3 * mu * a) / (2 * mu) + 2 / 3 * q
     at_peak = [float(np.interp(peak, pressure, values)) for values in (a, q)]
     return at_peak[0], at_peak[1]
@@ -412,9 +411,10 @@ def _plastic_work(scene: Scene) -> float:
     strain, stress = _largest_flow(scene)
     if strain == 0:
         return 0.0  # the yield stress may be infinite
-    first = (0.0, scene.material.yield_stress)
-    curve = [point for point in scene.material.hardening_curve if point[0] < strain]
-    a, q = np.transpose([*(curve or [first]), (strain, stress)])
+    curve = scene.material.yield_curve
+    below = np.array(curve.strains) < strain
+    a = np.append(np.array(curve.strains)[below], strain)
+    q = np.append(np.array(curve.stresses)[below], stress)
     return float(np.trapezoid(q, a)) * scene.body.depth
 
 

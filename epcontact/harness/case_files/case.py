@@ -29,7 +29,7 @@ from epcontact.harness.case_files.text import (
 )
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.scene import check_load, check_loading
+from epcontact.scene import HARDENING_LAWS, check_load, check_loading
 from epcontact.surfaces import SurfaceAbsent
 
 __all__ = [
@@ -267,9 +267,10 @@ def _hardening_mistakes(case: Case) -> Iterator[str]:
     must give, is one number for the hardened metal.
     """
     solid = case.solid
-    if not (solid.hardening_modulus or solid.hardening_curve):
+    keys = [name for name in HARDENING_LAWS if getattr(solid, name)]
+    if not keys:
         return
-    key = "hardening_curve" if solid.hardening_curve else "hardening_modulus"
+    key = keys[0]
     if solid.hardness == "effective":
         yield (
             f"[material] hardness is 'effective', the cap that stands for J2 flow "

@@ -47,7 +47,14 @@ from epcontact.materials.hardness_map import MappedHardness, effective_hardness
 from epcontact.materials.moduli import combined_material
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import CONDUCTING
-from epcontact.scene import Body, Load, Material, Scene, scene_digest
+from epcontact.scene import (
+    HARDENING_LAWS,
+    Body,
+    Load,
+    Material,
+    Scene,
+    scene_digest,
+)
 from epcontact.surfaces.power_spectrum import inner_moments
 
 Size = Literal["fast", "full", "large"]
@@ -149,7 +156,7 @@ class MaterialTable(Table):
         "poisson_ratio",
         "hardness",
         "yield_stress",
-        "hardening_modulus",
+        *HARDENING_LAWS,
     )
     @classmethod
     def _in_range(cls, value: Any, info: ValidationInfo) -> Any:
@@ -158,13 +165,16 @@ class MaterialTable(Table):
         Each key is checked separately, so that the mistakes of all are reported.
         Raises InvalidScene, a ValueError, if the value is not physical.
         """
-        if value != "effective":
+        name = str(info.field_name)
+        if name in HARDENING_LAWS:
+            HARDENING_LAWS[name].check(value)
+        elif value != "effective":
             valid: dict[str, Any] = {
                 "young_modulus": 1.0,
                 "poisson_ratio": 0.0,
                 "yield_stress": 1.0,
             }
-            Material(**{**valid, str(info.field_name): value})
+            Material(**{**valid, name: value})
         return value
 
 

@@ -89,15 +89,9 @@ def describe_scene(
 
 def _hardening(material: Material) -> Iterator[_Row]:
     """Yield the row of the hardening of a material; nothing if it does not harden."""
-    if material.hardening_curve:
-        points = ", ".join(
-            f"{stress:g} Pa at {strain:g}"
-            for strain, stress in material.hardening_curve
-        )
-        yield "hardening_curve", points, "", "yield stress by plastic strain"
-    elif material.hardens:
-        meaning = "slope of the yield stress over the plastic strain"
-        yield "hardening_modulus", material.hardening_modulus, "Pa", meaning
+    for name, law in material.hardening.items():
+        parameters = getattr(material, name)
+        yield name, law.describe(parameters), law.unit, law.meaning
 
 
 def _resolution(surface: Surface) -> Iterator[_Row]:
