@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.files import write_collection
 from epcontact.machine import available_cores, forget_peak
+from epcontact.notebook import OnProgress, notebook_bar
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Scene, integer, require_kind
 from fem_check import plasticity
@@ -32,14 +32,12 @@ from fem_check.workers import Workers
 
 __all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
 
-Progress = Callable[[float, str], None]
-
 
 def solve(
     scene: Scene,
     options: FemOptions | None = None,
     *,
-    progress: Progress | None = None,
+    progress: OnProgress | None = None,
     output: Path | str | None = None,
     threads: int | None = None,
     **changes: Any,
@@ -50,7 +48,7 @@ def solve(
         scene: the surface, the material, the body and the mean pressures.
         options: of the solve; None: the defaults of `FemOptions`.
         progress: called after each point of the path with the fraction of the points
-            that are solved and a sentence.
+            that are solved and a sentence.  Without it a notebook shows a bar.
         output: folder for the files of the body and its surface (.vtu) at each point of
             the path, and a .pvd over them; None: no files.
         threads: number of threads; the result has the same bits with any number.  None:
@@ -86,7 +84,7 @@ def solve_path(
     scene: Scene,
     options: FemOptions | None = None,
     *,
-    progress: Progress | None = None,
+    progress: OnProgress | None = None,
     output: Path | str | None = None,
     threads: int | None = None,
     **changes: Any,
@@ -129,14 +127,15 @@ def solve_path(
     targets = path_targets(scene, problem, options)
     points: list[PathPoint] = []
     history = plasticity.initial_history(0)
-    for point, history in solve_points(problem, targets, options):
-        if output is not None:
-            folder = Path(output)
-            write_step(folder, len(points), scene, options, problem, point, history)
-        points.append(point)
-        if progress is not None:
-            fraction = len(points) / len(targets)
-            progress(fraction, f"fem: mean pressure {point.mean_pressure:.3g} Pa")
+    with notebook_bar(progress) as report:
+        for point, history in solve_points(problem, targets, options):
+            if output is not None:
+                folder = Path(output)
+                write_step(folder, len(points), scene, options, problem, point, history)
+            points.append(point)
+            if report is not None:
+                fraction = len(points) / len(targets)
+                report(fraction, f"fem: mean pressure {point.mean_pressure:.3g} Pa")
     if output is not None:
         pressures = [point.mean_pressure for point in points]
         write_collection(Path(output) / "path.pvd", pressures, SUFFIXES)

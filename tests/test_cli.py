@@ -61,6 +61,12 @@ def refused(done, *words):
     assert all(word in done.stderr for word in words), done.stderr
 
 
+#: A rough steel for the command `hardness`.
+STEEL = (
+    *("--yield-stress", "2e9", "--young-modulus", "2e11", "--poisson-ratio", "0.3"),
+    *("--rms-slope", "0.1", "--mean-pressure", "5e8"),
+)
+
 # --- what there is
 # -------------------------------------------------------------------------------
 
@@ -79,17 +85,25 @@ def test_schemas_and_commands_are_listed():
         assert f"{name} {(command.help or '').partition(chr(10))[0]}" in listed
 
 
-def test_an_output_without_greek_letters_has_their_names():
-    """An output with the encoding cp1252 has names of Greek letters."""
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (("list", "--all"), "at E*xi/sigma_Y = 5"),
+        (("chart",), "pressures "),
+        (("hardness", *STEEL), "at E*xi/sigma_Y = 11, p0/sigma_Y = 0.25"),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_an_output_without_greek_letters_has_their_names(command, words, encoding):
+    """An output without Greek letters in its encoding has their names, in tables and in
+    sentences.
+    """
     done = python(
-        "-m",
-        "epcontact",
-        "list",
-        "--all",
-        env=os.environ | {"PYTHONIOENCODING": "cp1252"},
+        "-m", "epcontact", *command, env=os.environ | {"PYTHONIOENCODING": encoding}
     )
     assert done.returncode == 0, done.stderr
-    assert "at E*xi/sigma_Y = 5" in done.stdout
+    assert words in done.stdout
+    assert (done.stdout + done.stderr).isascii()
 
 
 def test_no_word_is_lost_in_ascii(monkeypatch):

@@ -22,6 +22,7 @@ import hostile
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from command_line import invoke
 from conftest import SMALL_CASE
 from fem_scenes import rough_scene
 
@@ -32,6 +33,7 @@ from epcontact.errors import InvalidCase, NotConverged
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.methods import foreign
+from epcontact.harness.methods.load_by_load import solve_load_by_load
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import measure
 from epcontact.harness.solving.method_results import MethodResults
@@ -401,6 +403,50 @@ def test_a_known_mistake_of_a_solver_is_named(mistake, words):
     assert is_quoted == (mistake == "count")
     error = measure("quantity.measured_areas", scene, result)
     assert (error > 0.05 * total) == (mistake in ("count", "hardness"))
+
+
+def test_a_known_mistake_is_named_on_a_path_that_unloads():
+    """Of a path the largest load before the first unloading is compared."""
+    scene = rough_scene(24, 3, yield_stress=math.inf, hardness=math.inf)
+    p0 = scene.load.final
+    scene = replace(scene, load=Load((p0 / 2, p0, p0 / 4)))
+
+    def solve_last(ends_here, _):
+        """Return the result of a solver with E for E* at the last load of a scene."""
+        alone = replace(ends_here, load=Load(ends_here.load.final))
+        return foreign._checked(with_mistake("modulus", alone), alone)
+
+    result = solve_load_by_load(solve_last, scene)
+    assert "with E in the place of E*" in hints._nearest_mistake(scene, result)
+
+
+def test_a_verdict_holds_the_hints_on_a_solver(tmp_path, monkeypatch):
+    """The case of a solver with a mistake has a hint in verdict.json, and one of a
+    correct solver has none.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert invoke("new", "solver").returncode == 0
+    text = (tmp_path / "my_solver.py").read_text()
+    imports = "from dataclasses import replace\nfrom epcontact import bem"
+    text = text.replace("from epcontact import bem", imports)
+    modulus = "0.91 * scene.material.young_modulus"  # nu is 0.3
+    material = f"replace(scene.material, young_modulus={modulus})"
+    wrong = text.replace("(scene, ", f"(replace(scene, material={material}), ")
+    (tmp_path / "wrong_solver.py").write_text(wrong)
+    hints_of = {}
+    for module in ("my_solver", "wrong_solver"):
+        verdict = verify(
+            "my-solver.toml",
+            output=tmp_path / module,
+            solver=f"mine={module}:solve",
+            jobs=1,
+        )
+        written = json.loads((tmp_path / module / "verdict.json").read_text())
+        assert written["cases"][0]["hints"] == verdict.cases[0].hints
+        hints_of[module] = verdict.cases[0].hints
+    assert hints_of["my_solver"] == []
+    assert "with E in the place of E*" in hints_of["wrong_solver"][-1]
 
 
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):

@@ -13,7 +13,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 #: The rooms, from the ground up.  A room imports only from floors below its own.
 FLOORS = (
-    {"epcontact.errors", "epcontact.results", "epcontact.machine"},
+    {
+        "epcontact.errors",
+        "epcontact.results",
+        "epcontact.machine",
+        "epcontact.notebook",
+    },
     {"epcontact.scene", "epcontact.files"},
     {"epcontact.output", "epcontact.alternatives"},
     {"epcontact.materials", "epcontact.surfaces", "fem_check"},
@@ -42,6 +47,7 @@ TOKENS = {
     "epcontact.materials": 1_664,
     "epcontact.output": 17_133,
     "epcontact.peers": 5_291,
+    "epcontact.notebook": 300,
     "epcontact.persson": 13_560,
     "epcontact.pictures": 4_409,
     "epcontact.planning": 5_093,

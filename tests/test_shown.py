@@ -28,13 +28,14 @@ import epcontact
 from epcontact import bem
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Estimate, GateVerdict
-from epcontact.harness.notebook import notebook_progress
 from epcontact.harness.quantities.registry import QUANTITIES
 from epcontact.harness.solving.scene_description import describe_scene
 from epcontact.harness.verdict.evidence import KINDS as REFERENCES
 from epcontact.harness.verdict.evidence import SUBJECTS
 from epcontact.harness.verdict.judgement import CaseVerdict, MethodEntry, Verdict
 from epcontact.harness.verdict.overview import overview, quantity_words
+from epcontact.harness.verdict.verification import _counted
+from epcontact.notebook import notebook_bar
 from epcontact.output import drawing, report
 from epcontact.output.charts import maps
 from epcontact.output.charts.figures import Chart
@@ -682,22 +683,66 @@ def test_a_scene_and_its_charts_show_themselves_in_a_notebook():
     assert len([*page.iter("img")]) == len(charts) > 1
 
 
-def test_a_notebook_gets_a_bar_of_progress(monkeypatch):
-    """Within IPython's kernel the progress is a bar that is moved, and elsewhere there
-    is none.
+def test_a_verdict_shows_its_gates_in_a_notebook():
+    """The HTML of a verdict has a row with status for each gate, and its `repr` counts
+    those that hold.
     """
-    assert notebook_progress() is None
+    judged = verdict()
+    gates = [gate for case in judged.cases for gate in case.gates]
+    held = sum(gate.status == "holds" for gate in gates)
+    assert repr(judged) == f"<Verdict: {held} of {len(gates)} gates hold, 3 cases>"
+    page = ET.fromstring(f"<html>{judged._repr_html_()}</html>")
+    cells = [[cell.text for cell in row.iter("td")] for row in page.iter("tr")][1:]
+    assert [(row[1], row[-1]) for row in cells] == [
+        (gate.name, gate.status) for gate in gates
+    ]
+
+
+@pytest.fixture
+def shown_in_notebook(monkeypatch):
+    """Pretend that IPython's kernel runs, without the delay of the bar, and return the
+    list of what the notebook shows one after another.
+    """
     ipython = mock.MagicMock()
     ipython.display.HTML = str
-    ipython.get_ipython.return_value = type("ZMQInteractiveShell", (), {})()
     monkeypatch.setitem(sys.modules, "IPython", ipython)
-    report_progress = notebook_progress()
-    report_progress(1.5, 4, "case <bem>")
-    report_progress(2.5, 4, "")
-    shown = ipython.display.display.return_value.update.call_args.args[0]
-    assert shown == (
-        '<progress value="2.5" max="4"></progress> 2 of 4 solves: case &lt;bem&gt;'
+    monkeypatch.setattr("epcontact.notebook._DELAY", 0.0)
+    monkeypatch.setattr("epcontact.notebook._PAUSE", 0.0)
+    shown = []
+    ipython.display.display.side_effect = lambda html, **_: (
+        shown.append(html) or mock.MagicMock(update=shown.append)
     )
+    return shown
+
+
+def test_a_notebook_gets_a_bar_of_progress_that_vanishes(shown_in_notebook):
+    """The bar of a verification counts the solves and vanishes at the end.  A bar
+    inside of another one is not shown.
+    """
+    with notebook_bar() as bar, notebook_bar() as inner:
+        assert inner is None
+        move = _counted(bar)
+        move(1.5, 4, "case <bem>")
+        move(2.5, 4, "")
+    assert shown_in_notebook == [
+        '<progress value="0.375" max="1"></progress> 1 of 4 solves: case &lt;bem&gt;',
+        '<progress value="0.625" max="1"></progress> 2 of 4 solves: case &lt;bem&gt;',
+        "",
+    ]
+
+
+def test_a_solve_in_a_notebook_has_a_bar_unless_its_caller_reports(shown_in_notebook):
+    """`bem.solve` moves one bar up to its last load; with `progress` it
+    shows none.
+    """
+    heights = 1e-6 * np.cos(2 * np.pi * np.arange(64) / 64)
+    scene = Scene(Surface(heights, (1e-3,)), Material(1e11, 0.3), Load((1e6, 2e6)))
+    bem.solve(scene, progress=lambda *_: None)
+    assert shown_in_notebook == []
+    bem.solve(scene)
+    *bars, end = shown_in_notebook
+    assert end == ""
+    assert re.search(r'value="0\.[5-9].*bem: mean pressure 2e\+06 Pa', bars[-1])
 
 
 @pytest.mark.parametrize(

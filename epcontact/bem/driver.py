@@ -38,6 +38,7 @@ from epcontact.bem.problem import (
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, forget_peak, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
+from epcontact.notebook import notebook_bar
 from epcontact.results import Areas, ContactResult, FloatArray, LoadStep, Provenance
 from epcontact.scene import Scene, require_kind
 
@@ -93,7 +94,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             continues the load path of that result.
         max_steps: most steps of the method; None: its own limit.
         progress: called now and then with the fraction of the path that is done, from
-            0 to 1, and a sentence.
+            0 to 1, and a sentence.  Without it a notebook shows a bar.
         on_step: called at each load with the result so far, whose fields are those of
             that load; it must not change them.
 
@@ -139,8 +140,9 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         )
         flow = flow.reshape(symbol.shape)
     given_compliance = compliance is not None
-    path = _Path(scene, symbol, options, given_compliance, progress, on_step, started)
-    result = path.solve(start, flow)
+    with notebook_bar(progress) as report:
+        path = _Path(scene, symbol, options, given_compliance, report, on_step, started)
+        result = path.solve(start, flow)
     if not scene.surface.alternatives:
         return result
 

@@ -192,7 +192,8 @@ def print_text(text: object) -> None:
     Control characters in it are shown as escapes, because parts of the text, such as
     names of files, may come from elsewhere.
     """
-    click.echo(without_controls(str(text)))
+    # Without a file, click would write UTF-8 to a stream whose encoding is ASCII.
+    click.echo(without_controls(str(text)), file=sys.stdout)
 
 
 def print_error(sentence: str) -> None:
@@ -201,7 +202,7 @@ def print_error(sentence: str) -> None:
     Control characters in it are shown as escapes.
     """
     try:
-        click.echo(without_controls(sentence), err=True)
+        click.echo(without_controls(sentence), file=sys.stderr)
     except OSError:
         discard_output(sys.stderr)
 

@@ -307,13 +307,9 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
         print_sentence(console, tables.MEANING_OF_ERRORS)
     if case.case.told_hardness:
         print_sentence(console, f"{case.id}: {case.case.told_hardness}")
+    for sentence in case.hints:
+        print_sentence(console, f"{case.id}: {sentence}")
     tables.print_shortfalls(console, case)
-    solvers = [result for m in case.results.values() for result in m.results[:1]]
-    if any("solver" in result.provenance.options for result in solvers):
-        from epcontact.harness.verdict.hints import hints  # loads the solvers
-
-        for sentence in hints(case):
-            print_sentence(console, f"{case.id}: {sentence}")
 
 
 def _counts(verdict: Verdict) -> str:

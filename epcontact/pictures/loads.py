@@ -74,7 +74,8 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
         paths: the rows of each load path, by the name of its method.
 
     Returns:
-        The charts by name, see LOAD_CHARTS; a chart without a value is left out.
+        The charts by name, see LOAD_CHARTS.  A chart without a value is left out, and
+        so is that of conductance times resistivity if a conductance has a chart.
         Unloading and reloading have marks of their own.
     """
     points = [
@@ -88,6 +89,9 @@ def load_charts(paths: Mapping[str, Sequence[Row]]) -> dict[str, Chart]:
     charts = {}
     for name, table in pd.DataFrame(points).groupby("chart", sort=False):
         charts[f"loads-{name}"] = _load_chart(str(name), table)
+    if charts.keys() & {"loads-thermal", "loads-electrical"}:
+        # It would show the same curve, without the conductivities.
+        charts.pop("loads-conductance", None)
     return charts
 
 

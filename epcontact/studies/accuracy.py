@@ -440,13 +440,11 @@ def ledger(rows: pd.DataFrame) -> pd.DataFrame:
 def accuracy(
     say: Say, folders: Sequence[str] = (), known: pd.DataFrame | None = None
 ) -> Charts:
-    """Error of the contact area against time and FFT pairs, and each answer against its
-    reference.
+    """Error of the contact area against time, and each area over its reference.
 
     The errors are root mean squares over scenes, against boundary elements on the
     finest grid; the theory's has the scatter of surfaces.  Times are over those of
-    boundary elements on 4 points per shortest wave of the same surface, FFT pairs are
-    in those of that grid.
+    boundary elements on 4 points per shortest wave of the same surface.
     """
     del say
     rows = read_rows(folders) if known is None else known
@@ -455,19 +453,17 @@ def accuracy(
     time = Axis(
         "time", "time of a solve, over boundary elements on 4 points a wave (–)"
     )
-    work = Axis("work", "FFT pairs of a grid of 4 points a wave (–)")
-    for x, name in ((time, "time"), (work, "FFT pairs")):
-        drawn = table[table[x.column] > 0].reset_index()
-        plot = Plot(
-            x,
-            y,
-            ("method", "kind"),
-            mark="kind",
-            log="xy",
-            front=True,
-        )
-        if len(drawn):
-            yield plot, drawn, f"Accuracy against {name}"
+    drawn = table[table["time"] > 0].reset_index()
+    plot = Plot(
+        time,
+        y,
+        ("method", "kind"),
+        mark="kind",
+        log="xy",
+        front=True,
+    )
+    if len(drawn):
+        yield plot, drawn, "How accurate is a contact area for its time?"
 
     shown = rows[(rows["quantity"] == "A") & ~(rows["points"] > 4)]
     shown = shown.assign(ratio=shown["value"] / shown["reference"])
@@ -483,19 +479,18 @@ def accuracy(
         style="open",
         log="x",
     )
-    yield plot, pd.concat([equal, shown]), "Areas predicted over their references"
+    yield plot, pd.concat([equal, shown]), "Which areas are near their references?"
 
 
 def _errors_by_cost(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return error, time and work of the contact area by method, kind and points.
+    """Return error and time of the contact area by method, kind and points.
 
     `rows` are those of `read_rows`.  The index of the result is method, kind (corrected
     or raw) and points per shortest wave; its columns are `error` (root mean square over
-    scenes, relative), `time` and `work` (medians, over those of boundary elements on 4
-    points per shortest wave).
+    scenes, relative) and `time` (median, over that of boundary elements on 4 points per
+    shortest wave).
     """
-    work = rows["fft_pairs"] * (rows["points"] / 4) ** 2
-    rows = rows.assign(error=differences(rows).abs(), work=work)
+    rows = rows.assign(error=differences(rows).abs())
     judged = rows["pair"].str.contains("continuum|theory – BEM")
     is_area = rows["quantity"].isin(["A", "A raw"])
     areas = rows[judged & rows["time"].notna() & is_area].copy()
@@ -504,6 +499,6 @@ def _errors_by_cost(rows: pd.DataFrame) -> pd.DataFrame:
     kind = areas["quantity"].map({"A": "corrected", "A raw": "raw"})
     areas["kind"] = kind.where(areas["method"] != "persson", "")
     groups = areas.groupby(["method", "kind", "points"], sort=False)
-    table = groups[["time", "work"]].median()
+    table = groups[["time"]].median()
     table["error"] = groups["error"].agg(lambda e: float(np.sqrt((e**2).mean())))
     return table

@@ -468,7 +468,8 @@ def areas(
         upright={"estimated": 1.0},
         limits=ticks,
     )
-    title = (
-        f"Of {len(table)} areas {covered.mean():.0%} are within their error estimate"
+    caption = (
+        "Do the error estimates of the areas cover the errors? "
+        f"Of {len(table)} areas {covered.mean():.0%} are within their error estimate."
     )
-    yield plot, table.drop(columns="seed"), title
+    yield plot, table.drop(columns="seed"), caption

@@ -225,7 +225,8 @@ def conductance(
     names = {"law": "series", f"{RATIO}_low": "low", f"{RATIO}_high": "high"}
     columns = ["series", "hardness", RATIO, "low", "high", "load"]
     shown = table.dropna(subset=RATIO).rename(columns=names)[columns]
-    yield law_map, shown, f"Laws over boundary elements at a breadth of {middle:g}"
+    caption = f"Where do the laws of conductance hold? The breadth is {middle:g}."
+    yield law_map, shown, caption
     axes |= {"hardness": [min(hardnesses), max(hardnesses)]}
     table = ratios(
         means(
@@ -235,7 +236,7 @@ def conductance(
             load=[0.1],
         )
     )
-    table["place"] = table["hardness"].map(r"{:g} $E^*\xi$".format)
+    table["place"] = table["hardness"].map("{:g} E* xi".format)
     table = table[table["hurst"] == hursts[-1]]
     plot = Plot(
         Axis("breadth", "longest over shortest wave (–)"),
@@ -247,4 +248,8 @@ def conductance(
         log="x",
         ticks=breadths,
     )
-    yield plot, table, "Laws by the breadth of the spectrum, at a tenth of the hardness"
+    caption = (
+        "Do the laws of conductance hold for broad spectra? "
+        "The mean pressure is a tenth of the hardness."
+    )
+    yield plot, table, caption

@@ -78,7 +78,7 @@ def fem(
     yield _paths_chart(say, *paths)
 
 
-#: A look, a table and a title.
+#: A look, a table and a caption.
 _Chart = tuple[Plot, pd.DataFrame, str]
 
 
@@ -116,8 +116,11 @@ def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
     plot = _error_plot(
         x, "relative error of the limit load (–)", elements, "formulation"
     )
-    title = "Limit load by bricks with mean dilatation, and with all strain integrated"
-    return plot, table, title
+    caption = (
+        "How large is the error of a limit load? Bricks have a mean dilatation, or "
+        "all of their strain is integrated."
+    )
+    return plot, table, caption
 
 
 def _mesh_chart(
@@ -148,7 +151,8 @@ def _mesh_chart(
         }
     )
     plot = _error_plot(x, "relative error of the contact area (–)", nodes[:-1])
-    return plot, pd.concat([table, level]), "Contact area against the mesh"
+    caption = "How fine must the mesh be for the contact area?"
+    return plot, pd.concat([table, level]), caption
 
 
 def _depth_chart(say: Say) -> _Chart:
@@ -157,7 +161,11 @@ def _depth_chart(say: Say) -> _Chart:
     table["series"] = table["waves"].map("waves in a period: {}".format)
     x = Axis("depth_over_period", "depth over the period (–)")
     plot = _error_plot(x, "compliance over half-space's, less 1 (–)", DEPTHS)
-    return plot, table, "Compliance of the bonded block to long waves, over 2/(E* q)"
+    caption = (
+        "How deep must the block be? The compliance of a half-space is 2/(E* q) for "
+        "waves of the wave number q."
+    )
+    return plot, table, caption
 
 
 def _steps_chart(
@@ -185,8 +193,11 @@ def _steps_chart(
     plot = _error_plot(x, "relative error (–)", steps[:-1])
     once = table[table["series"] == "mean gap"]
     counts = list_rows(once, "{load_steps}: {cg_iterations:.0f}")
-    title = f"Raw contact area and mean gap by steps. CG iterations of paths: {counts}"
-    return plot, table, title
+    caption = (
+        "How many load steps does J2 flow need? The area is raw. CG iterations of the "
+        f"paths by their steps: {counts}."
+    )
+    return plot, table, caption
 
 
 def _paths_chart(
@@ -211,8 +222,11 @@ def _paths_chart(
     solvers = ["conjugate gradients", "Newton"]
     table = costs.melt("nodes", solvers, "solver", "iterations")
     times = list_rows(costs, "{nodes:.0f}: {time_in_fft_pairs:.3g}")
-    title = f"J2 load paths. Time in FFT pairs of 2048 x 2048 points, by nodes: {times}"
-    return plot, table, title
+    caption = (
+        "How does the work of a J2 load path grow with the mesh? Time in FFT pairs of "
+        f"2048 x 2048 points, by nodes: {times}."
+    )
+    return plot, table, caption
 
 
 def punch_error(formulation: str, elements: int) -> dict[str, float]:

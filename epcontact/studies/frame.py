@@ -1,9 +1,10 @@
 """The frame of the studies: from a function that yields tables to charts and files.
 
 A study is one function that yields, for each of its charts, a `Plot`, the table that
-the plot draws and a title.  A table with a column `seed` is replaced by the means over
-the surfaces with their intervals.  A caption is the title, the docstring of the study
-and its options.
+the plot draws and a caption.  The caption begins with the question that the chart
+answers, which becomes the title of the chart.  A table with a column `seed` is replaced
+by the means over the surfaces with their intervals.  The docstring of the study and its
+options are added to each caption.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from epcontact.harness.gates import estimate
-from epcontact.output.charts.figures import Chart
+from epcontact.output.charts.figures import Chart, write_question
 from epcontact.output.charts.plot import Plot, draw_table
 from epcontact.output.charts.style import typeset
 
@@ -31,7 +32,8 @@ Rows = list[dict[str, Any]]
 Say = Callable[[str], None]
 #: The look of a chart, or a function that draws the figure of a table.
 Look = Plot | Callable[[pd.DataFrame], Any]
-#: What a study yields for each chart: its look, its table and its title.
+#: What a study yields for each chart: its look, its table and its caption, which begins
+#: with a question.
 Charts = Iterator[tuple[Look, pd.DataFrame, str]]
 
 #: Every study by its name, in the order in which their modules are imported.
@@ -91,7 +93,7 @@ class Study:
             about += f" Options: {described}."
         charts = self.function(say_with_name, **values)
         return [
-            _draw(look, table, f"{title}. {about}") for look, table, title in charts
+            _draw(look, table, f"{caption} {about}") for look, table, caption in charts
         ]
 
 
@@ -185,7 +187,7 @@ def root_mean_square(
 
 
 def list_rows(table: pd.DataFrame, form: str) -> str:
-    """Return the rows of a table as text for a title, separated by commas.
+    """Return the rows of a table as text for a caption, separated by commas.
 
     `form` is the format string of a row, such as "{nodes}: {time:.3g}" with the names
     of columns.
@@ -260,12 +262,17 @@ def _draw(
         look: The look of the chart, or a function that draws the figure of a table.
         table: The data; rows that differ in the column `seed` are replaced by their
             means with 95 % intervals.
-        caption: The caption.
+        caption: The caption.  Its first sentence is a question, the title of the chart.
+
+    Raises:
+        ValueError: The caption has no question mark.
     """
+    question = caption[: caption.index("?") + 1]
     if not isinstance(look, Plot):
         rows = table.to_numpy().tolist()
-        caption = typeset(caption, mathtext=False)
-        return Chart(look(table), list(table), rows, caption)
+        figure = look(table)
+        write_question(figure, question)
+        return Chart(figure, list(table), rows, typeset(caption, mathtext=False))
     if "seed" in table:
         count = table["seed"].nunique()
         caption += f" Means of {count} surfaces with their 95 % intervals."
@@ -273,6 +280,4 @@ def _draw(
         if look.colour:
             by.append(look.colour)
         table = mean_with_interval(table, look.y.column, list(dict.fromkeys(by)))
-    # Numbers may follow in the caption, for which there is no room above the axes.
-    title = re.split(r"[.:,;] ", caption, maxsplit=1)[0]
-    return draw_table(table, replace(look, title=look.title or title), caption)
+    return draw_table(table, replace(look, title=question), caption)

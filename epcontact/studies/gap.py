@@ -133,12 +133,12 @@ def gap(
         ticks=LOADS,
         colour="law",
         colours=_COLOURS,
-        title="How far apart are the faces, by theory and by boundary elements?",
     )
     means = mean_with_interval(solved, OPEN, ["law", _LOAD])
     methods = [theory.assign(method="persson"), means.assign(method="bem")]
     table = pd.concat(methods).sort_values("law", kind="stable")
-    yield open_gap, table, "Mean open gap"
+    caption = "How far apart are the faces, by theory and by boundary elements?"
+    yield open_gap, table, caption
 
     capped = solved[solved["law"] == "capped"]
     parts = capped.melt([_LOAD, "seed"], list(QUANTITIES), "part", _LENGTH)
@@ -150,7 +150,11 @@ def gap(
         log="x",
         ticks=LOADS,
     )
-    yield plot, parts, "Parts of the mean gap, capped body"
+    caption = (
+        "How much does plastic flow add to the gap? The body is capped, and its open "
+        "gap is the separation plus the plastic displacement."
+    )
+    yield plot, parts, caption
 
     merged = solved.merge(theory, on=["law", _LOAD], suffixes=("", "_theory"))
     merged[_DEVIATION] = 100 * (merged[f"{OPEN}_theory"] / merged[OPEN] - 1)
@@ -165,7 +169,8 @@ def gap(
         colour="law",
         colours=_COLOURS,
     )
-    yield deviation, merged, "Deviation of the theory's gap"
+    caption = "How far is the theory's gap from that of boundary elements?"
+    yield deviation, merged, caption
 
     laws = (*paper.LAWS, "j2")
     blocks = tabulate(
@@ -180,10 +185,10 @@ def gap(
         open_gap,
         ticks=LOADS[:-1],
         styles={"bem": "curve"},
-        title="How far apart are the faces, by boundary and finite elements?",
     )
     on_finest = blocks[blocks["grid"] == finest]
-    yield plot, on_finest, "Mean open gap by boundary and finite elements"
+    caption = "How far apart are the faces, by boundary and finite elements?"
+    yield plot, on_finest, caption
 
     shown = (blocks["law"] != "j2") | (blocks["grid"] == finest)
     table = blocks[shown].dropna(subset=_DEVIATION)
@@ -192,8 +197,11 @@ def gap(
     plot = replace(
         deviation, y=y, series=("law", "points"), mark="points", ticks=LOADS[:-1]
     )
-    title = "Deviation of finite elements from capped or elastic boundary elements"
-    yield plot, table, title
+    caption = (
+        "How far is the gap of finite elements from that of boundary elements? J2 flow "
+        "is compared with the capped law."
+    )
+    yield plot, table, caption
 
 
 def block_gaps(law: str, grid: int, waves: int) -> Rows:
@@ -378,15 +386,19 @@ def residual(
             points=[grid],
             bandwidth=[bandwidth],
         )
-        in_words = table["hardness"].map(r"{:g} $E^*\xi$".format)
-        title = f"Power that an octave of wave numbers keeps, bandwidth {bandwidth}"
-        yield power, table.assign(hardness=in_words), title
+        in_words = table["hardness"].map("{:g} E* xi".format)
+        caption = (
+            f"Which waves does a load flatten ({' and '.join(models)})? Each point is "
+            f"an octave of wave numbers; the bandwidth is {bandwidth}."
+        )
+        yield power, table.assign(hardness=in_words), caption
 
         shortest = table[table[x.column] == table[x.column].max()]
         means = mean_with_interval(shortest, skewness.column, series).dropna()
-        title = (
-            f"Change of the skewness of the heights, bandwidth {bandwidth}; of the "
-            "kurtosis, and rms height, slope and curvature after over before: "
-            f"{list_rows(means, form)}"
+        shown = " and ".join(means["model"].unique())
+        caption = (
+            f"Does a load skew the heights ({shown})? The bandwidth is "
+            f"{bandwidth}; change of the kurtosis, and rms height, slope and curvature "
+            f"after over before: {list_rows(means, form)}."
         )
-        yield Plot(x_skewness, skewness, ("model",), level=0.0), means, title
+        yield Plot(x_skewness, skewness, ("model",), level=0.0), means, caption

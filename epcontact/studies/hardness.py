@@ -28,23 +28,24 @@ YOUNG = 210e9
 WAVES = 4
 _EFFECTIVE = Axis("effective_hardness", "effective hardness c = hardness / sigma_Y (–)")
 _OVERLAP = "shared contact over the union of both (–)"
-#: The quantities that are shown, each with the label of its axis and its title.
+#: The quantities that are shown, each with the label of its axis and the
+#: question of its chart.
 MEASURES = {
     "effective_hardness": (
         _EFFECTIVE.label,
-        "Cap under which a body has the J2 body's contact area",
+        "Which pressure cap gives the contact area of a J2 body?",
     ),
     "effective_overlap": (
         _OVERLAP,
-        "Overlap of the J2 body's contact with that under this cap",
+        "Is the contact under this cap where that of the J2 body is?",
     ),
     "model_overlap": (
         _OVERLAP,
-        "Overlap of the J2 body's contact with that under 3 sigma_Y",
+        "Is the contact under a cap of 3 sigma_Y where that of the J2 body is?",
     ),
     "model_area": (
         "area of J2 over that of the cap, less 1 (–)",
-        "J2 against a cap of 3 sigma_Y",
+        "How much more area does a J2 body have than one capped at 3 sigma_Y?",
     ),
 }
 
@@ -112,7 +113,7 @@ def hardness(
         seed=seeds,
     )
     table["series"] = table["nu"].map("nu = {:g}".format)
-    for name, (label, title) in MEASURES.items():
+    for name, (label, question) in MEASURES.items():
         level = TABOR if name == "effective_hardness" else None
         x = Axis("severity", "E* xi / sigma_Y (–)")
         plot = Plot(
@@ -122,7 +123,7 @@ def hardness(
             ticks=sorted(severities),
             level=level,
         )
-        yield plot, table, title
+        yield plot, table, question
 
 
 @study("hardness-map")
@@ -161,7 +162,12 @@ def map_of_package(say: Say) -> Charts:
             _EFFECTIVE,
             colour="severity",
             log="x",
+            labels=dict.fromkeys(curves["series"], "_"),
             ticks=ticks,
             level=TABOR,
         )
-        yield plot, rows, f"Effective hardness at nu = {nu:g}; curves {formula}"
+        caption = (
+            f"Which pressure cap represents a rough J2 metal at nu = {nu:g}? "
+            f"Curves are {formula}."
+        )
+        yield plot, rows, caption

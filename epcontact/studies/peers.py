@@ -220,14 +220,14 @@ def peers(say: Say, widths: Sequence[int] = (8, 16)) -> Charts:
 
 
 def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
-    """Return look, table and title of the chart of processor times over grid points.
+    """Return look, table and caption of the chart of processor times by grid points.
 
-    The chart has the codes whose areas agree; the title lists the settings of all other
-    codes.  `races` has the rows of `race` for several grids, with a column `law`.
+    The chart has the codes whose areas agree; the caption lists the settings of all
+    other codes.  `races` has the rows of `race` for several grids, with a column `law`.
     """
     is_own = races["code"] == OWN
     was_ended = races["total"].isna()
-    title = f"Processor time, {races['law'].iloc[0]}"
+    caption = f"Which code is fastest on the {races['law'].iloc[0]} body?"
     form = "{code} at {points_a_side} ({setting})"
     groups = {
         "Setting": races["agrees"] & ~is_own,
@@ -236,7 +236,7 @@ def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
     }
     for reason, is_in_group in groups.items():
         if is_in_group.any():
-            title += f". {reason}: {list_rows(races[is_in_group], form)}"
+            caption += f" {reason}: {list_rows(races[is_in_group], form)}."
     # The settings of the other codes change from grid to grid, so that they are not
     # series of the chart.
     drawn = races.assign(aim=races["setting"].where(is_own, ""))[races["agrees"]]
@@ -252,5 +252,5 @@ def race_chart(races: pd.DataFrame) -> tuple[Plot, pd.DataFrame, str]:
             ticks=ticks,
         ),
         drawn,
-        title,
+        caption,
     )

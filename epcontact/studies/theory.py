@@ -132,23 +132,6 @@ def gamma(
         gammas += ": no single gamma fits all four"
 
     curves = by_theory.melt("gamma", list(AREAS), "area", _AREA.column)
-    ends = by_theory["gamma"].iloc[[0, -1]]
-    levels = measured.merge(ends, how="cross")
-    both = pd.concat([curves.assign(method="theory"), levels.assign(method="bem")])
-    both = both.sort_values("area", key=lambda a: a.map(AREAS.index), kind="stable")
-    plot = Plot(
-        Axis("gamma", r"energy reduction $\gamma$ (–)"),
-        _AREA,
-        ("area", "method"),
-        style="curve",
-        colour="area",
-        colours=PART_COLOURS | {ELASTIC_BODY: CYCLE[1]},
-        mark="method",
-        upright={r"$\gamma$ of the paper": paper.GAMMA},
-        title="Which energy reduction gives the areas of boundary elements?",
-    )
-    yield plot, both, f"Contact areas, which the theory meets at the gammas {gammas}"
-
     off = curves.merge(measured, on="area", suffixes=("", "_bem"))
     for end, bound in zip(_ENDS, ("_bem", "_low", "_high"), strict=True):
         # The interval of the mean gives that of the ratio, because the theory has no
@@ -156,17 +139,22 @@ def gamma(
         by_bem = off["area_fraction_bem"]
         ratio = off["area_fraction"] / by_bem**2 * off[f"area_fraction{bound}"]
         off[f"deviation_percent{end}"] = 100 * (ratio - 1)
-    y = Axis("deviation_percent", "theory over boundary elements, less 1 (%)")
-    limits = {"ylim": (-40, 60)}
-    plot = replace(
-        plot,
-        y=y,
-        series=("area",),
-        mark="",
+    plot = Plot(
+        Axis("gamma", r"energy reduction $\gamma$ (–)"),
+        Axis("deviation_percent", "theory over boundary elements, less 1 (%)"),
+        ("area",),
+        style="curve",
+        colour="area",
+        colours=PART_COLOURS | {ELASTIC_BODY: CYCLE[1]},
         level=0.0,
-        limits=limits,
+        limits={"ylim": (-40, 60)},
+        upright={r"$\gamma$ of the paper": paper.GAMMA},
     )
-    yield plot, off, f"Deviation of the theory's areas, zero at the gammas {gammas}"
+    caption = (
+        "Which energy reduction gives the areas of boundary elements? The theory has "
+        f"them at the gammas {gammas}."
+    )
+    yield plot, off, caption
 
 
 # --- magnification
@@ -247,7 +235,7 @@ def magnification(
         log="xy",
         limits={"ylim": (1e-3, 1.3)},
     )
-    yield plot, both, "Contact areas"
+    yield plot, both, "How does the contact shrink as finer roughness is included?"
 
     off = areas.merge(_curves(body, cut_offs), on=by, suffixes=("", "_theory"))
     off = off[off["area_fraction_theory"] > _SMALLEST_AREA]
@@ -263,7 +251,11 @@ def magnification(
         limits={},
         level=0.0,
     )
-    yield deviation, off, f"Deviation of the areas, where they exceed {_SMALLEST_AREA}"
+    caption = (
+        "How far are boundary elements from the theory at each magnification? Areas "
+        f"above {_SMALLEST_AREA} are shown."
+    )
+    yield deviation, off, caption
 
     groups = pd.concat(densities).groupby(["magnification", _DENSITY[0]], sort=False)
     tables = []
@@ -286,7 +278,7 @@ def magnification(
         log="y",
         limits={"ylim": (1e-5, None), "xlim": (0, paper.HARDNESS / 1e9)},
     )
-    yield plot, both, "Density of the pressure in elastic contact"
+    yield plot, both, "How do the pressures spread as finer roughness is included?"
 
 
 # --- the ends of P(sigma)
@@ -360,7 +352,7 @@ def pressures(
         limits={"ylim": (0, None), "xlim": (0, 1)},
     )
     table = pd.concat([by_theory.assign(series="persson"), measured])
-    yield plot, table, "Density of the pressure"
+    yield plot, table, "Does the density of the pressure vanish at 0 and the hardness?"
 
     exact = pd.DataFrame(theory_values(scene))
     x = Axis("root_of_spacing", "root of 1 / points per shortest wavelength (–)")
@@ -372,15 +364,25 @@ def pressures(
         form = "{end} {limit:+.3g} (theory {theory:.3g})"
         listed = list_rows(limits.assign(**columns), form)
         series = ("method", "end", "kind")
+        names = {", ".join(filter(None, row)) for row in table[[*series]].to_numpy()}
         plot = Plot(
             x,
             Axis(quantity, label),
             series,
+            labels={name: _in_words(name) for name in names},
             colour="end",
             level=0.0,
         )
-        title = f"The {name} of P at the ends, with limits for ever finer grids: "
-        yield plot, table, title + listed
+        caption = (
+            f"What is the {name} of P at its ends on ever finer grids? The limits are "
+            f"{listed}."
+        )
+        yield plot, table, caption
+
+
+def _in_words(name: str) -> str:
+    """Return the name of a series with the name of its end, from ENDS, in words."""
+    return name.replace(ENDS[0], "at 0").replace(ENDS[1], "at the hardness")
 
 
 def _ends_table(

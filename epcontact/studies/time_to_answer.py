@@ -155,5 +155,5 @@ def time_to_answer(say: Say, sides: Ints = (256, 512)) -> Charts:
             ticks=sides,
         ),
         tabulate(say, row, points_a_side=sides),
-        "Time to answer",
+        "Which part of a command takes the time?",
     )

@@ -310,11 +310,11 @@ def treatment(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SurfaceWarning)
         tables = {
-            "Crops": tabulate(say, crops, **axes, tiles=[tiles]),
-            "Controls": tabulate(say, controls, **axes),
+            "crops": tabulate(say, crops, **axes, tiles=[tiles]),
+            "controls": tabulate(say, controls, **axes),
         }
     x = Axis("load", "mean pressure / hardness (–)")
-    for title, table in tables.items():
+    for maps, table in tables.items():
         table["size"] = table["error"].abs()
         table["ratio"] = table["size"] / table["length"]
         for name, errors in table.dropna().groupby("quantity", sort=False):
@@ -330,4 +330,7 @@ def treatment(
                 log="xy",
                 ticks=LOADS,
             )
-            yield plot, means, f"{title}: {name}, {listed}"
+            caption = (
+                f"How far is the {name} of {maps} from that of the surface? {listed}."
+            )
+            yield plot, means, caption

@@ -72,7 +72,8 @@ def where_the_theory_holds(
     rows.sort(key=lambda row: names.index(row[0]))
     columns = ["series", _Y, "relative_error", "low", "high", _X]
     alpha, _ = validity.nayak(rough)
-    yield _draw, pd.DataFrame(rows, columns=columns), f"Nayak's parameter {alpha:.3g}"
+    caption = f"Where does the theory hold? Nayak's parameter is {alpha:.3g}."
+    yield _draw, pd.DataFrame(rows, columns=columns), caption
 
 
 def _places(hardnesses: int, loads: int) -> Iterator[tuple[float, FloatArray]]:

@@ -105,13 +105,16 @@ def gap_distribution(say, points=4, wide=64, seeds=range(401, 405), narrow=8):
         )
         groups = table.groupby(["method", "ratio", x.column], sort=False)
         means = groups[y.column].mean().reset_index()
-        means["hardness"] = means["ratio"].map(r"{:g} $E^*\xi$".format)
+        means["hardness"] = means["ratio"].map("{:g} E* xi".format)
         listed = []
         for other in others:
             found = list_rows(distances(table, other, "bem"), form)
             listed.append(f"{other}: {found}")
-        title = f"Distribution of the open gap at bandwidth {bandwidth}, its distances"
-        yield plot, means[means["ratio"].isin(SHOWN)], f"{title} by {'; '.join(listed)}"
+        caption = (
+            "How is the open gap distributed? The bandwidth is "
+            f"{bandwidth}; distances by {'; '.join(listed)}."
+        )
+        yield plot, means[means["ratio"].isin(SHOWN)], caption
 
 
 FULL = {"points": 8, "wide": 256, "seeds": range(401, 417)}

@@ -101,11 +101,12 @@ def hysteresis(say, points=4, seeds=range(301, 304), bandwidth=8):
         ticks=FRACTIONS,
         log="xy",
     )
-    yield plot, table, "Contact area"
+    yield plot, table, "How much contact stays when the load falls?"
     plot = replace(plot, y=Axis(GAP, "mean gap over rms height (–)"), log="x")
-    yield plot, table, "Mean gap over rms height"
+    yield plot, table, "How far apart are the faces when the load falls?"
     plot = replace(plot, y=Axis(WORK, "plastic work over all energy (–)"))
-    yield plot, table[table["model"] != "theory"], "Plastic work over all energy"
+    spent = table[table["model"] != "theory"]
+    yield plot, spent, "How much of the energy does flow spend?"
 
 
 STUDY = Study("hysteresis", hysteresis, {"points": 8, "seeds": range(301, 317)})

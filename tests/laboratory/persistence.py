@@ -90,7 +90,8 @@ def persistence(say, severities=(5.0,), seeds=range(101, 103), nodes=24):
     for severity in severities:
         table = tabulate(say, raw_areas, severity=[severity], seed=seeds, nodes=[nodes])
         plot = Plot(x, y, styles={THEORY: "curve"}, level=1.0)
-        yield plot, table, f"Contact area at E* xi/sigma_Y = {severity:g}"
+        question = f"Does a gap persist above the cap at E* xi/sigma_Y = {severity:g}?"
+        yield plot, table, question
 
 
 FULL = {"severities": (5.0, 15.0, 50.0), "seeds": range(101, 109)}

@@ -80,7 +80,8 @@ def rough_body(say, slopes=(0.1,), seeds=range(101, 103), nodes=16):
         x = Axis("slope", "rms slope (–)")
         y = Axis(name, "change from that of small slopes (–)")
         plot = Plot(x, y, log="x", ticks=sorted(slopes), level=0.0)
-        yield plot, table, f"Change of the {label}, by E* xi/sigma_Y"
+        caption = f"How do slopes change the {label}? Numbers are E* xi/sigma_Y."
+        yield plot, table, caption
 
 
 FULL = {"slopes": (0.05, 0.1), "seeds": range(101, 109), "nodes": 32}

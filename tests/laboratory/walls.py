@@ -205,11 +205,11 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
         shown = rows[widest & (rows["p0"] == SHOWN_LOAD)]
         return shown.assign(body=shown["hardness"].map(bodies).fillna("no hardness"))
 
-    title = "Weaker steps: more points return through a wall"
+    caption = "Do more points return through a wall in weaker steps?"
     if len(known):
-        title += (
-            f" (limits {known.min():.2f} to {known.max():.2f} at the {len(known)} of "
-            f"{len(ends)} walls that are known to 0.1)"
+        caption += (
+            f" Limits are {known.min():.2f} to {known.max():.2f} at the {len(known)} "
+            f"of {len(ends)} walls that are known to 0.1."
         )
     y = Axis("returned", "points that return over those that go (–)")
     plot = Plot(
@@ -221,7 +221,7 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
         mark="wall",
         limits={"ylim": (0.5, 1.1)},
     )
-    yield plot, select(flows), title
+    yield plot, select(flows), caption
 
     table = select(table).sort_values(["hardness", _X.column], kind="stable")
     near = table[table["hardness"] == SHOWN_HARDNESS]
@@ -230,16 +230,17 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
         ("diffusion", r"diffusion $\langle d^2 \rangle / 2 \Delta G$ (–)", 1.0),
         ("drift", r"drift $\langle d \rangle E^* \xi / \Delta G$ (–)", 0.0),
     ):
-        title = f"Near the walls {name} grows as the step shrinks ({note})"
-        yield Plot(_X, Axis(name, label), ("step",), level=level), near, title
+        caption = f"Does the {name} near the walls grow as the step shrinks? {note}."
+        yield Plot(_X, Axis(name, label), ("step",), level=level), near, caption
 
     y = Axis("reduction", "reduction S without drift (–)")
     ranges = {"ylim": (0, 1.2), "xlim": (0, 1.5)}
     plot = Plot(_X, y, ("body",), level=paper.GAMMA, limits=ranges)
-    title = (
-        "The S that gives the distribution rises away from walls; dotted: gamma = 0.536"
+    caption = (
+        "Which reduction S gives the distribution? It rises away from the walls; "
+        "dotted: gamma = 0.536."
     )
-    yield plot, table[table["w"] == max(FRACTIONS)], title
+    yield plot, table[table["w"] == max(FRACTIONS)], caption
 
 
 STUDY = Study("walls", walls, {"bandwidths": (16, 32, 64), "seeds": range(1, 17)})

@@ -12,7 +12,7 @@ import itertools
 import math
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from epcontact.harness.solving.saved import DoneLoads, load_done, save_loads
 from epcontact.harness.solving.scene_description import describe_scene
 from epcontact.harness.solving.tasks import Task
 from epcontact.materials.hardness_map import MappedHardness
+from epcontact.notebook import OnProgress
 from epcontact.output.vtk import write_fields
 from epcontact.results import Areas, ContactResult, FloatArray, LoadStep
 from epcontact.scene import Load, Scene
@@ -47,10 +48,6 @@ _FAST_METHODS = ("bem", "persson")
 
 #: Loads that take less time are saved together.
 _SECONDS_BETWEEN_SAVES = 1.0
-
-#: Called now and then with the fraction of the load path that is solved, and a
-#: sentence.
-OnProgress = Callable[[float, str], None]
 
 
 def solve_path(

@@ -40,7 +40,6 @@ from epcontact.files import (
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
 from epcontact.harness.solving.load_path import (
-    OnProgress,
     solve_path,
     with_description,
     write_result_fields,
@@ -68,6 +67,7 @@ from epcontact.machine import (
     compiling,
     processor_seconds,
 )
+from epcontact.notebook import OnProgress
 from epcontact.results import ContactResult
 
 #: The result of a task, or the sentence that says why there is none.

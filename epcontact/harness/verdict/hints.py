@@ -20,7 +20,7 @@ from epcontact import bem
 from epcontact.errors import EpcontactError
 from epcontact.harness.verdict.judgement import CaseVerdict
 from epcontact.peers.pressure_result import result_of_pressures
-from epcontact.results import ContactResult
+from epcontact.results import ContactResult, LoadStep
 from epcontact.scene import Load, Scene
 
 #: The most grid points of a scene that is solved with mistakes; each solve takes a
@@ -42,17 +42,17 @@ _COMPARED = (
 _Fields = dict[str, NDArray[Any]]
 
 
-def hints(case: CaseVerdict) -> list[str]:
-    """Return sentences on what is probably wrong with a foreign solver of a case.
+def with_hints(case: CaseVerdict) -> CaseVerdict:
+    """Return a verdict with hints on what is probably wrong with a foreign solver.
 
     There are none for a case that holds, and none for methods of the package.
 
     Args:
         case: the verdict on the case, with the results in memory.
     """
-    sentences: list[str] = []
     if case.status == "holds":
-        return sentences
+        return case
+    sentences: list[str] = []
     for name, method in case.results.items():
         for result in method.results[:1]:
             if "solver" not in result.provenance.options:
@@ -62,7 +62,7 @@ def hints(case: CaseVerdict) -> list[str]:
             words = _nearest_mistake(scene, result)
             if words:
                 sentences.append(f"hint: {name} {words}")
-    return sentences
+    return case.model_copy(update={"hints": sentences})
 
 
 def _differing_reports(result: ContactResult) -> Iterator[str]:
@@ -138,19 +138,26 @@ def _nearest_mistake(scene: Scene, result: ContactResult) -> str:
     words.
 
     It is "" if no mistake is much nearer than the correct results, or if the scene is
-    too large or has several loads.
+    too large.  Of a path of loads, the last one before the first unloading is compared:
+    until then earlier loads do not matter.
 
     Args:
         scene: the scene that the solver was given.
         result: the result of the solver.
     """
-    if scene.surface.heights.size > _MOST_POINTS or len(scene.load.path) > 1:
+    if scene.surface.heights.size > _MOST_POINTS:
         return ""
-    correct = _distance(result, scene, _Mistake("", scene))
+    path = scene.load.path
+    index = 0
+    while index + 1 < len(path) and path[index + 1] >= path[index]:
+        index += 1
+    step = result.steps[index]
+    scene = replace(scene, load=Load(path[index]))
+    correct = _distance(step, scene, _Mistake("", scene))
     nearest = ""
     least = min(_CLOSE, correct / _TIMES_CLOSER)
     for mistake in _mistakes(scene):
-        distance = _distance(result, scene, mistake)
+        distance = _distance(step, scene, mistake)
         if distance < least:
             least = distance
             nearest = mistake.words
@@ -162,16 +169,16 @@ def _nearest_mistake(scene: Scene, result: ContactResult) -> str:
     )
 
 
-def _distance(result: ContactResult, scene: Scene, mistake: _Mistake) -> float:
-    """Return how far the result of a solver is from that of a mistake.
+def _distance(step: LoadStep, scene: Scene, mistake: _Mistake) -> float:
+    """Return how far the result of a solver at a load is from that of a mistake.
 
     It is the root mean square of the relative differences of the raw area and of
     quantities; infinite if the mistake cannot be solved.  The solver may have given its
     gap or not, so that the smaller of both distances is returned.
 
     Args:
-        result: the result of the solver.
-        scene: the scene that it was given.
+        step: the result of the solver at the load.
+        scene: the scene that it was given, with this load alone.
         mistake: the mistake.
     """
     try:
@@ -191,15 +198,15 @@ def _distance(result: ContactResult, scene: Scene, mistake: _Mistake) -> float:
             )
         except EpcontactError:
             continue
-        distances.append(_difference(_values(result), _values(mistaken)))
+        distances.append(_difference(_values(step), _values(mistaken.final)))
     return min(distances)
 
 
-def _values(result: ContactResult) -> dict[str, float]:
-    """Return the raw area and the compared quantities of a result by their names."""
-    quantities = result.final.quantities
+def _values(step: LoadStep) -> dict[str, float]:
+    """Return the raw area and the compared quantities at a load by their names."""
+    quantities = step.quantities
     values = {name: quantities[name] for name in _COMPARED if name in quantities}
-    return values | {"area": result.final.areas["raw"].total}
+    return values | {"area": step.areas["raw"].total}
 
 
 def _difference(first: dict[str, float], second: dict[str, float]) -> float:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import html
 import itertools
 import json
 import math
@@ -21,6 +22,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
 from pydantic import Field, PrivateAttr, ValidationError
 
 from epcontact.errors import EpcontactError, InvalidCase, OutputError, sentence_of
@@ -97,6 +99,10 @@ class CaseVerdict(Record):
         description="the gates that do not apply to this size, or whose method is "
         "missing here",
     )
+    hints: list[str] = Field(
+        default=[],
+        description="what is probably wrong with a solver that does not hold",
+    )
     _case: Case | None = PrivateAttr(default=None)
     _results: Mapping[str, MethodResults] = PrivateAttr(default_factory=dict)
 
@@ -153,6 +159,32 @@ class Verdict(Record):
     digest: str = Field(
         default="", description="SHA-256 of the verdict and of its results"
     )
+
+    def __repr__(self) -> str:
+        """Return the number of gates that hold, and that of all gates and cases."""
+        gates = [gate for case in self.cases for gate in case.gates]
+        held = sum(gate.holds for gate in gates)
+        return f"<Verdict: {held} of {len(gates)} gates hold, {len(self.cases)} cases>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of all gates as HTML, which a notebook shows.
+
+        Differences are with half the width of their 95 % interval.  A skipped case has
+        a row without a gate.
+        """
+        rows = []
+        for case in self.cases:
+            if not case.gates:
+                rows.append({"case": case.id, "verdict": case.status})
+            for gate in case.gates:
+                row = {"case": case.id, "gate": gate.name}
+                if gate.difference is not None:
+                    difference = gate.difference.mean
+                    row["difference"] = f"{difference:+.3g} ± {gate.half_width:.2g}"
+                    row["band"] = f"{gate.low:g} … {gate.high:g}"
+                rows.append(row | {"verdict": gate.status})
+        table = pd.DataFrame(rows).to_html(index=False, na_rep="")
+        return f"<p>{html.escape(repr(self)[1:-1])}</p>{table}"
 
     @classmethod
     def read(cls, file: Path, alone: bool = False) -> Verdict:

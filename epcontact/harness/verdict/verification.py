@@ -18,12 +18,12 @@ from epcontact.harness.case_files.case import (
     load_cases,
 )
 from epcontact.harness.methods.registry import METHODS, REPLACED, Method, solver_named
-from epcontact.harness.notebook import notebook_progress
 from epcontact.harness.solving.run import lock_cases, solve_cases
-from epcontact.harness.solving.tasks import Run
+from epcontact.harness.solving.tasks import Progress, Run
 from epcontact.harness.verdict.files import delete_verdict, write_verdict
 from epcontact.harness.verdict.judgement import CaseVerdict, Verdict, judge_case
 from epcontact.harness.verdict.run_info import RunInfo
+from epcontact.notebook import OnProgress, notebook_bar
 from epcontact.scene import as_tuple
 
 
@@ -74,25 +74,51 @@ def verify(
         >>> verdict.passed, verdict.cases[0].gates[0].status
         (True, 'holds')
     """
-    if run is None and "progress" not in options:
-        progress = notebook_progress()
-        if progress is not None:
-            options["progress"] = progress
+    has_progress = run is not None or "progress" in options
     run = replace(run or Run(), **options)
     made = RunInfo.here()
     delete_verdict(run.folder)
     loaded, methods = _load(cases, size, solver)
     verdicts: dict[str, CaseVerdict] = {}
     # The lock lasts until the verdict is signed with the digest of the results.
-    with lock_cases(loaded, run.folder):
+    with notebook_bar() as bar, lock_cases(loaded, run.folder):
+        if bar is not None and not has_progress:
+            run = replace(run, progress=_counted(bar))
         with contextlib.closing(solve_cases(loaded, run, methods)) as solving:
             for case, results in solving:
-                verdicts[case.id] = judge_case(case, results)
-                on_case(verdicts[case.id])
+                judged = judge_case(case, results)
+                if _has_foreign_solver(judged):
+                    # The hints load the solvers.
+                    from epcontact.harness.verdict.hints import with_hints
+
+                    judged = with_hints(judged)
+                verdicts[case.id] = judged
+                on_case(judged)
         verdict = Verdict.on([verdicts[case.id] for case in loaded], size, made)
         write_verdict(verdict, run.folder)
     finish(verdict)
     return verdict
+
+
+def _has_foreign_solver(case: CaseVerdict) -> bool:
+    """Return whether a result of a case is by a solver from outside the package."""
+    for method in case.results.values():
+        if any("solver" in each.provenance.options for each in method.results[:1]):
+            return True
+    return False
+
+
+def _counted(bar: OnProgress) -> Progress:
+    """Return a `Progress` that moves the bar of a notebook and counts the solves."""
+    last = ""
+
+    def report(done: float, total: int, words: str) -> None:
+        """Show that so many of all solves are done, and the last that was finished."""
+        nonlocal last
+        last = words or last
+        bar(done / max(total, 1), f"{int(done)} of {total} solves: {last}")
+
+    return report
 
 
 # --- the cases and the methods

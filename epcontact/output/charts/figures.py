@@ -208,6 +208,17 @@ def new_figure(
     return figure, figure.subplots(1, columns, squeeze=False)[0]
 
 
+def write_question(figure: Figure, question: str) -> None:
+    """Write the question that a chart of several panels answers above them.
+
+    Args:
+        figure: the figure of matplotlib.
+        question: a short sentence, which begins at the left edge.
+    """
+    with styled():
+        figure.suptitle(question, x=0.01, ha="left", fontsize=10)
+
+
 def logarithmic(axes: Any, name: str) -> None:
     """Make an axis logarithmic, once the data are drawn.
 

@@ -17,7 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from epcontact.files import write_bytes
 from epcontact.output.charts import style
-from epcontact.output.charts.figures import Chart, new_figure, styled
+from epcontact.output.charts.figures import (
+    Chart,
+    new_figure,
+    styled,
+    write_question,
+)
 from epcontact.output.charts.style import (
     FLATTENED,
     STATE_COLOURS,
@@ -121,7 +126,7 @@ def contact_map(
         question = "Where do the faces touch, and where do they flow?"
         if right_field is depth:
             question = "What has the load left behind?"
-        _ask(figure, question)
+        write_question(figure, question)
         show_field(left, state, spacing, **look)
         image, unit = _show_positive(right, right_field, spacing, largest, unit)
         bar = figure.colorbar(image, ax=right, shrink=0.82)
@@ -259,7 +264,7 @@ def pressure_difference(
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
         left, middle, right = axes
-        _ask(figure, "Do both methods find the same pressures?")
+        write_question(figure, "Do both methods find the same pressures?")
         image, unit = _show_positive(left, first, spacing, largest)
         image, unit = _show_positive(middle, second, spacing, largest)
         figure.colorbar(image, ax=axes[:2], shrink=0.82, label=f"pressure ({unit})")
@@ -315,7 +320,7 @@ def contact_profile(
     deepest = limits[0] / depth_scale
     with styled():
         figure, (left, right) = new_figure(8.4, 3.2, columns=2)
-        _ask(figure, "Where does the line touch, and where does it flow?")
+        write_question(figure, "Where does the line touch, and where does it flow?")
         left.fill_between(
             x / x_scale, -depth / depth_scale, -1.05 * deepest, color="#d9d9d9"
         )
@@ -386,7 +391,7 @@ def stability_map(
     norm = LogNorm(max(lowest, 1.0), max(highest, lowest + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
-        _ask(figure, "Where do the methods converge?")
+        write_question(figure, "Where do the methods converge?")
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
             image = axes.imshow(
                 table.T,
@@ -410,16 +415,6 @@ def stability_map(
             numbers = (x_values[i], y_values[j], table[i, j])
             rows.append((name, *map(float, numbers)))
     return Chart(figure, ("method", *labels, count), rows, caption)
-
-
-def _ask(figure: Any, question: str) -> None:
-    """Write the question that a chart answers above it, at the left edge.
-
-    Args:
-        figure: the figure of matplotlib.
-        question: a short sentence.
-    """
-    figure.suptitle(question, x=0.01, ha="left", fontsize=10)
 
 
 def _few_ticks(values: FloatArray) -> tuple[list[int], list[str]]:

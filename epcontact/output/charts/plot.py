@@ -31,6 +31,9 @@ from epcontact.results import FloatArray
 #: (inches).  The right margin is added to the width of the legend.
 _SIZE = (6.4, 3.9)
 _LEFT, _BOTTOM, _RIGHT, _TOP = 0.95, 0.5, 0.2, 0.45
+#: Left margin beside the label and the ticks of the y axis, if these have names
+#: (inches).
+_TICKS = 0.1
 #: Marks with error bars of several series stand side by side within this width, and
 #: two are at most this far from each other (points of length).
 _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
@@ -213,7 +216,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
         # Beside the axes the legend can cover no point.
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-        _place_axes(figure, axes)
+        _place_axes(figure, axes, "yticklabels" in plot.limits)
         # The title begins at the left edge, because the legend is at the right.
         title = typeset(plot.title)
         figure.text(0.1 / _SIZE[0], 0.985, title, va="top", fontsize=10)
@@ -226,7 +229,7 @@ def draw_table(table: pd.DataFrame, plot: Plot, caption: str) -> Chart:
     return Chart(figure, header, rows, typeset(text, mathtext=False))
 
 
-def _place_axes(figure: Any, axes: Any) -> None:
+def _place_axes(figure: Any, axes: Any, named_ticks: bool) -> None:
     """Place the axes of a chart between fixed margins, left of the legend.
 
     A layout engine of matplotlib would measure all labels twice, which takes longer
@@ -235,14 +238,20 @@ def _place_axes(figure: Any, axes: Any) -> None:
     Args:
         figure: the figure of matplotlib, of the size `_SIZE`.
         axes: its only axes, with or without a legend.
+        named_ticks: whether the ticks of y have names, which may be longer than
+            numbers, so that they are measured.
     """
     width, height = _SIZE
     right = _RIGHT
+    left = _LEFT
+    if named_ticks:
+        ticks = axes.yaxis.get_tightbbox(figure.canvas.get_renderer())
+        left = max(left, _TICKS + ticks.width / figure.dpi)
     legend = axes.get_legend()
     if legend is not None:
         right += legend.get_window_extent().width / figure.dpi
     figure.subplots_adjust(
-        left=_LEFT / width,
+        left=left / width,
         bottom=_BOTTOM / height,
         right=1 - right / width,
         top=1 - _TOP / height,

@@ -50,10 +50,12 @@ CYCLE = (
     "#7f7f7f",
     "#000000",
 )
-#: The parts of a contact area have the colours of their states.
+#: The parts of a contact area have the colours of their states; elastic is darker,
+#: because a yellow line on white paper is hard to see, above all in grey.
 PART_COLOURS = {
     "total": CYCLE[0],
-    **{STATE_NAMES[k]: STATE_COLOURS[k] for k in (ELASTIC, PLASTIC)},
+    STATE_NAMES[ELASTIC]: "#c47f00",
+    STATE_NAMES[PLASTIC]: STATE_COLOURS[PLASTIC],
 }
 #: The numbers of marks, dashes and colours have no common factor, so that many series
 #: look different before a look repeats.
@@ -113,6 +115,7 @@ _SYMBOLS = (
     (r"\bsigma_P\b", r"$\sigma_\mathrm{P}$", "σ_P"),
     (r"\bp0\b", r"$p_0$", "p₀"),
     (r"\bnu(?= = )", r"$\nu$", "ν"),
+    (r"(?<!\\)\bzeta(?= = )", r"$\zeta$", "ζ"),
     (r"(?<=\de-)0", "", ""),  # 1e-08
 )
 
