@@ -96,7 +96,9 @@ class Alternative:
             heights[self.points] += change
         heights.flags.writeable = False
         recipe = f"{surface.fingerprint} but for {self.source}"
-        return replace(surface, heights=heights, recipe=recipe, alternatives=())
+        return replace(
+            surface, heights=heights, recipe=recipe, alternatives=(), sampled=False
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,6 +142,10 @@ class Surface:
     #: Other heights that the measurement leaves open; a solve of each shows the errors
     #: that this causes.
     alternatives: tuple[Alternative, ...] = ()
+    #: True if the heights between the grid points are unknown, as those of a measured
+    #: map are; the error by the grid then counts what every second point would change
+    #: (`bem.resolution`).  None: True if there is no recipe.
+    sampled: bool | None = None
 
     def __post_init__(self) -> None:
         """Check the fields and make them read-only; add notes about doubtful heights.
@@ -162,6 +168,8 @@ class Surface:
             set_frozen(self, seed=integer("seed", self.seed, 0))
         require_usable(heights, "heights")
         set_frozen(self, filled=_checked_mask(self.filled, heights.shape))
+        if self.sampled is None:
+            set_frozen(self, sampled=not self.recipe)
         warnings_now = [*levels_note(given.dtype), *_suspicions(self)]
         new = tuple(note for note in warnings_now if note not in self.notes)
         set_frozen(self, notes=(*as_tuple(self.notes), *warn_user(new)))

@@ -35,6 +35,11 @@ from epcontact.bem.problem import (
     start_pressure,
     symbol_from_compliance,
 )
+from epcontact.bem.resolution import (
+    every_second_point,
+    unresolved_weight,
+    with_resolution_error,
+)
 from epcontact.bem.transforms import KEPT_POINTS, Symbol
 from epcontact.machine import available_cores, compile_seconds, forget_peak, peak_memory
 from epcontact.materials.moduli import effective_modulus, oedometric_modulus
@@ -99,7 +104,10 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             that load; it must not change them.
 
     A measured surface is also solved with each of its `alternatives`, which gives the
-    errors "form" and "missing" of each value (`epcontact.alternatives`).
+    errors "form" and "missing" of each value (`epcontact.alternatives`).  Heights whose
+    shortest waves the grid does not resolve are solved first at every second point,
+    which is a part of the error by the grid (`bem.resolution`); not so if `compliance`
+    is given.
 
     Returns:
         The areas and other quantities at each load, and the fields at the last one.
@@ -140,8 +148,22 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         )
         flow = flow.reshape(symbol.shape)
     given_compliance = compliance is not None
+    weight = 0.0 if given_compliance else unresolved_weight(scene.surface)
+    coarse: Sequence[LoadStep] = ()
+    if weight > 0:
+        coarse = _steps_at_every_second_point(scene, plastic_displacement, threads)
     with notebook_bar(progress) as report:
-        path = _Path(scene, symbol, options, given_compliance, report, on_step, started)
+        path = _Path(
+            scene,
+            symbol,
+            options,
+            given_compliance,
+            report,
+            on_step,
+            started,
+            weight,
+            coarse,
+        )
         result = path.solve(start, flow)
     if not scene.surface.alternatives:
         return result
@@ -166,6 +188,25 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         cost={**result.cost, "seconds": path.seconds},
         notes=(*result.notes, *filled_notes(steps)),
     )
+
+
+def _steps_at_every_second_point(
+    scene: Scene, flow: NDArray[np.floating] | None, threads: int
+) -> Sequence[LoadStep]:
+    """Return the load steps of a scene with every second point of its surface.
+
+    scene: with its complete load path; flow: plastic displacement in m before the first
+    load, of the shape of the heights; None: there was none; threads: number of threads.
+    """
+    surface, points = every_second_point(scene.surface)
+    if flow is not None:
+        flow = np.asarray(flow)[points]
+    return solve(
+        replace(scene, surface=surface),
+        area_tolerance=TOLERANCE_OF_ERROR,
+        threads=threads,
+        plastic_displacement=flow,
+    ).steps
 
 
 def scene_symbol(scene: Scene) -> Symbol:
@@ -213,6 +254,8 @@ class _Path:
         on_step: the argument of `solve`.
         started: time in seconds at which the solve began, by a clock that stands still
             while kernels are compiled.
+        weight: fraction by which differences from `coarse` count as an error.
+        coarse: the load steps at every second point; empty: they were not needed.
     """
 
     scene: Scene
@@ -222,6 +265,8 @@ class _Path:
     progress: Callable[[float, str], None] | None
     on_step: Callable[[ContactResult], None] | None
     started: float
+    weight: float
+    coarse: Sequence[LoadStep]
 
     @property
     def seconds(self) -> float:
@@ -248,7 +293,11 @@ class _Path:
             problem = GridProblem(heights, self.symbol, load, hardness)
             options = replace(self.options, progress=self._progress_of(len(steps)))
             surface = solve_load(problem, options, start, flow, peak)
-            steps.append(_load_step(self.scene, surface, self.options.threads))
+            step = _load_step(self.scene, surface, self.options.threads)
+            if self.coarse:
+                coarse = self.coarse[len(steps)]
+                step = with_resolution_error(step, coarse, self.weight)
+            steps.append(step)
             for name in pairs:
                 pairs[name] += surface.solution.counts[name]
             if self.on_step is not None:

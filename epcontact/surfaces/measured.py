@@ -550,6 +550,7 @@ class Facing:
             treatment_errors=errors,
             filled=_union(a.filled, b.filled),
             alternatives=(*a.alternatives, *b.alternatives),
+            sampled=a.sampled or b.sampled,
         )
 
 

@@ -273,6 +273,7 @@ def prepare_surface(
         recipe=recipe.fingerprint,
         notes=tuple(said),
         filled=filled,
+        sampled=True,
     )
     treated = mirrored or tilted or _is_jumping(jumps)
     surface = _with_edge_errors(surface, recipe, treated)
