@@ -251,21 +251,19 @@ def test_the_page_holds_the_pictures_the_scene_and_every_cell_of_the_gates(ran):
     _, pictures, cells = page_of(ran.home / "report.html")
     captions = {path.read_text().strip() for path in ran.folder.glob("*.txt")}
     assert pictures == captions
-    values = {}
-    gate_cells = []
-    for attributes, _ in cells:
-        if "value" in attributes:
-            values[attributes["quantity"]] = json.loads(attributes["value"])
-        if "field" in attributes:
-            gate_cells.append([*attributes.values()])
+    tables = tree_of(ran.home / "report.html").iter("table")
+    (facts,) = [table for table in tables if table.get("class") == "facts"]
+    texts = {row[0].text: row[1].text for row in facts.iter("tr")}
     described = ran.last_load("bem")[1].provenance.about
-    assert values == {name: entry["value"] for name, entry in described.items()}
+    for entry in described.values():
+        shown = report.value_text(entry["value"], entry["unit"])
+        assert texts[entry["meaning"]] == shown
+    gate_cells = [[*attributes.values()] for attributes, _ in cells]
     (case,) = json.loads((ran.home / "verdict.json").read_text())["cases"]
     expected = []
     for gate in case["gates"]:
-        against = report.number_text(gate["against"])
         for field in ("status", "value", "reference", "difference", "band"):
-            expected.append([field, "shown", gate["quantity"], gate["of"], against])
+            expected.append(["shown", gate["quantity"], field])
     assert gate_cells == expected
 
 
@@ -280,9 +278,8 @@ def tree_of(path):
 
 
 def page_of(path):
-    """Return the text of an HTML page, the set of its pictures' captions, and its table
-    cells with data attributes, as pairs (dictionary of the attributes without "data-",
-    text).
+    """Return the text of an HTML page, the set of its pictures' captions, and the cells
+    of its gates as pairs (dictionary with the case, the quantity and the field, text).
 
     The assertions require that the page embeds all pictures, links only within itself,
     and has no script.
@@ -301,14 +298,18 @@ def page_of(path):
         captions.add(picture.get("alt"))
     assert not [*page.iter("script")]
     cells = []
-    for row in page.iter("tr"):
-        for cell in row.iter("td"):
-            attributes = [*cell.items()]
-            if "data-field" in cell.attrib:  # a cell of a gate, which its row names
-                attributes += row.items()
-            data = {name[5:]: v for name, v in attributes if name.startswith("data-")}
-            if data:
-                cells.append((data, "".join(cell.itertext())))
+    for section in page.iter("section"):
+        for row in section.iter("tr"):
+            quantity = row.get("data-quantity")
+            for cell in row.iter("td"):
+                field = cell.get("data-field")
+                if field:
+                    data = {
+                        "case": section.get("id"),
+                        "quantity": quantity,
+                        "field": field,
+                    }
+                    cells.append((data, "".join(cell.itertext())))
     return "".join(page.itertext()), captions, cells
 
 
@@ -1041,6 +1042,6 @@ def test_nothing_a_case_says_becomes_html(tmp_path):
     for words in ("0123abcd", "256 MiB", "fft pairs 90", "such thing"):
         assert words in text
     assert f"cores {verdict().made.cores}" in text
-    gates = [(about, text) for about, text in cells if about.get("field") == "value"]
+    gates = [(about, text) for about, text in cells if about["field"] == "value"]
     values = [text for about, text in gates if about["case"] == "case-0"]
     assert values[0] == "inf"
