@@ -17,6 +17,10 @@ from epcontact.harness.verdict.verification import verify
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 TESTS = Path(__file__).parents[1]
+#: Plugins of pytest that a single test under a fault does not need.  The one for
+#: unraisable exceptions collects the garbage of the whole suite for each test, which
+#: takes longer than most tests do.
+UNUSED_PLUGINS = ("cacheprovider", "xdist", "unraisableexception")
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,9 @@ def fails_under(fault, folder):
     """
     name = Path(fault.test.partition("::")[0]).stem
     module = sys.modules.pop(name, None)
-    options = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", ""]
+    options = ["-q", "-x", "-m", "", "--assert=plain"]
+    for plugin in UNUSED_PLUGINS:
+        options += ["-p", f"no:{plugin}"]
     test = str(TESTS.parent / fault.test)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
