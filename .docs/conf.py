@@ -16,6 +16,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 HERE = Path(__file__).parent
@@ -37,7 +39,6 @@ version = release = package_versions()["epcontact"]
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
 ]
@@ -47,6 +48,7 @@ exclude_patterns = ["templates"]
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_use_ivar = True
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"epcontact {version}"
 
@@ -142,7 +144,26 @@ def _as_written(
         lines[:] = [re.sub(r"\|(\w+)\|", r"\|\1\|", line) for line in lines]
 
 
+def _visit_inline_math(writer: Any, node: nodes.math) -> None:
+    """Write an inline formula as MathML, which browsers show without a script."""
+    writer.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _visit_math_block(writer: Any, node: nodes.math_block) -> None:
+    """Write a displayed formula as MathML in a box that scrolls if it is too wide."""
+    formula = tex2mathml(node.astext(), as_block=True)
+    writer.body.append(f'<div class="math" style="overflow-x: auto">{formula}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Any) -> None:
-    """Make the generated pages before Sphinx looks for its sources."""
+    """Make the generated pages before Sphinx looks for its sources.
+
+    Formulas are MathML, because the scripts that draw them otherwise come from the
+    network.
+    """
+    inline, block = (_visit_inline_math, None), (_visit_math_block, None)
+    app.add_html_math_renderer("mathml", inline, block)
     app.connect("builder-inited", _generate)
     app.connect("autodoc-process-docstring", _as_written, priority=900)

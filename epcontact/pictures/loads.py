@@ -150,6 +150,11 @@ def _load_chart(name: str, table: pd.DataFrame) -> Chart:
     label = _CHARTS[name].label
     # The colour of a method would be that of all series.
     one_method = table["method"].nunique() == 1
+    labels = {}
+    if one_method:
+        # The legend needs no method, and is narrower.
+        for row in table[["method", "quantity", "branch"]].to_numpy():
+            labels[", ".join(row)] = ", ".join(row[1:])
     plot = Plot(
         Axis("mean_pressure_Pa", f"mean pressure ({pressure_unit})"),
         Axis("value", label.format(unit=unit.replace("2", "²") or "–")),
@@ -158,10 +163,12 @@ def _load_chart(name: str, table: pd.DataFrame) -> Chart:
         colour="quantity" if one_method else "",
         colours={f"{part} area": colour for part, colour in PART_COLOURS.items()},
         mark="quantity",
+        labels=labels,
         title=_CHARTS[name].title,
         compares=not one_method,
         scale=(pressure_scale, scale),
     )
     quantity = label.removesuffix(" ({unit})").capitalize()
     marks = "marks are open on unloading, and half open on reloading"
-    return draw_table(table, plot, f"{quantity} at each load; {marks}.")
+    methods = ", ".join(table["method"].unique())
+    return draw_table(table, plot, f"{quantity} at each load by {methods}; {marks}.")
