@@ -3,6 +3,11 @@
 A measured map has `Surface.alternatives`: other planes and other heights in its holes
 that agree with the measurement, too.  A method solves the scene on each of them.  The
 differences from its result are the error parts "form" and "missing" of each value.
+
+Differences need fewer points than values: on a large grid, the surface and its
+alternatives are solved on every second, third ... point.  That keeps the distribution
+of the heights and the fraction of filled points.  Heights without their short waves
+would lose the narrow summits, with which contact begins, and single filled points.
 """
 
 from __future__ import annotations
@@ -11,8 +16,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from epcontact.results import COLUMNS, Areas, LoadStep
-from epcontact.scene import Scene
+from epcontact.scene import Alternative, Scene, Surface
 
 #: An error is this number times the largest difference that an alternative makes.
 #: More than 92 % of the errors of areas, gap, stiffness, conductance and percolation
@@ -26,6 +33,13 @@ MOST = 0.5
 #: error are enough.
 TOLERANCE_OF_ERROR = 1e-4
 
+#: The most grid points on which a surface is solved for these errors.  On every fourth
+#: point of 1280 x 1280 points the errors of gap, conductance and percolation change by
+#: a fiftieth (median of six kinds); those of the areas, which were .2 % of the area,
+#: grow by a fifth to a half.  As many errors are within the estimates as with all
+#: points (`tests/laboratory/measured_maps.py`, `--largest`).
+LARGEST_GRID = 2**18
+
 #: Columns without such errors: they say how much is on filled points.
 _FRACTIONS = {"filled_contact", "filled_load"}
 #: Solves a scene, and returns its load steps.
@@ -36,7 +50,64 @@ def without_alternatives(scene: Scene) -> Scene:
     """Return the scene with a surface without alternatives, or the scene itself."""
     if not scene.surface.alternatives:
         return scene
-    return replace(scene, surface=replace(scene.surface, alternatives=()))
+    return replace(scene, surface=scene.surface.annotated(alternatives=()))
+
+
+def on_coarser_grid(scene: Scene) -> Scene:
+    """Return the scene for a solve of its alternatives: on fewer points if it has many.
+
+    Args:
+        scene: the scene, whose surface has alternatives.
+
+    Returns:
+        The scene itself if its surface has up to LARGEST_GRID points.  Otherwise one
+        with every second, third ... point, about as many as LARGEST_GRID, of the
+        surface and of its alternatives.
+    """
+    surface = scene.surface
+    heights = surface.heights
+    step = math.ceil((heights.size / LARGEST_GRID) ** (1 / heights.ndim))
+    if step == 1:
+        return scene
+    indices = []
+    for size in heights.shape:
+        count = math.ceil(size / step)
+        indices.append(np.arange(count) * size // count)
+    points = np.ix_(*indices)
+    filled = surface.filled
+    if filled is not None:
+        filled = filled[points]
+    alternatives = [_at(points, surface, each) for each in surface.alternatives]
+    coarse = replace(
+        surface,
+        heights=heights[points],
+        filled=filled,
+        recipe=f"{surface.fingerprint}, one of {step} points along each side",
+        alternatives=tuple(alternatives),
+        sampled=False,  # so that no error by this grid is solved for
+    )
+    return replace(scene, surface=coarse)
+
+
+def _at(
+    points: tuple[np.ndarray, ...], surface: Surface, alternative: Alternative
+) -> Alternative:
+    """Return an alternative of a surface for some of its points.
+
+    Args:
+        points: the index of these points, from `numpy.ix_`.
+        surface: the surface.
+        alternative: one of its alternatives.
+    """
+    changes = []
+    for change in alternative.changes:
+        if alternative.points is ...:
+            field = np.broadcast_to(change, surface.shape)
+        else:
+            field = np.zeros(surface.shape)
+            field[alternative.points] = change
+        changes.append(field[points])
+    return Alternative(alternative.source, ..., tuple(changes))
 
 
 def with_measurement_errors(
@@ -53,8 +124,8 @@ def with_measurement_errors(
         steps: its load steps.
         solve: solves the same load path on another surface.
         base: the steps from which the results on the alternatives differ; None:
-            `steps`.  Another method than that of `steps` may solve the alternatives,
-            and then also gives these.
+            `steps`.  If another method solves the alternatives, or the same one on a
+            coarser grid, these are its steps for the scene.
 
     Raises:
         What `solve` raises.

@@ -10,6 +10,7 @@ checks of any input.
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import hashlib
 import html
@@ -199,6 +200,19 @@ class Surface:
     def _repr_html_(self) -> str:
         """Return a table of the surface as HTML, which a notebook shows."""
         return _html_table(self._description)
+
+    def annotated(self, **fields: Any) -> Surface:
+        """Return the surface with other notes, treatment errors or alternatives.
+
+        Unlike `dataclasses.replace`, this does not check the heights again, which takes
+        as long as three Fourier transforms of them.
+
+        Args:
+            fields: New values of `notes`, `treatment_errors` or `alternatives`.
+        """
+        changed = copy.copy(self)
+        set_frozen(changed, **fields)
+        return changed
 
     @property
     def _description(self) -> dict[str, str]:

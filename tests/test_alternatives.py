@@ -1,13 +1,14 @@
 """Errors by the measurement of a surface: removed planes and missing heights."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from laboratory import measured_maps
 
-from epcontact import bem, persson
-from epcontact.alternatives import with_measurement_errors
+from epcontact import alternatives, bem, persson
+from epcontact.alternatives import on_coarser_grid, with_measurement_errors
 from epcontact.results import Areas, LoadStep
 from epcontact.scene import Alternative, Load, Material, Scene, Surface
 from epcontact.surfaces import Facing, HeightsFromArray
@@ -203,6 +204,58 @@ def test_the_theory_solves_its_alternatives():
     whole = mirrored(ROUGH)
     result = persson.solve(scene_of(whole), energy_reduction=1, spectrum="surface")
     assert "total_area_error_by_missing" not in result.final.row
+
+
+@pytest.mark.parametrize("step", [2, 3])
+def test_a_large_map_has_its_alternatives_on_fewer_points(monkeypatch, step):
+    """A coarser grid has every so many points of the heights, of the mask of filled
+    points and of both kinds of alternatives, also where the grid is no multiple.
+    """
+    holes = np.zeros((N, N), bool)
+    holes[20:26, 30:33] = True
+    surface = mirrored(np.where(holes, np.nan, ROUGH + 0.1 * PERIOD), missing="nearest")
+    assert on_coarser_grid(scene_of(surface)).surface is surface
+    monkeypatch.setattr(alternatives, "LARGEST_GRID", surface.heights.size / step**2)
+    coarse = on_coarser_grid(scene_of(surface)).surface
+    count = math.ceil(2 * N / step)
+    assert coarse.shape == (count, count)
+    assert coarse.periods == surface.periods
+    points = np.arange(count) * 2 * N // count  # every third, but for one of them
+    grid = np.ix_(points, points)
+    assert np.array_equal(coarse.heights, surface.heights[grid])
+    assert np.array_equal(coarse.filled, surface.filled[grid])
+    pairs = zip(coarse.alternatives, surface.alternatives, strict=True)
+    for found, alternative in pairs:
+        assert found.source == alternative.source
+        heights = alternative.applied_to(surface).heights[grid]
+        assert found.applied_to(coarse).heights == pytest.approx(heights, abs=1e-12)
+    line = HeightsFromArray(ROUGH[:, 0], (N,), "mirrored").build()
+    monkeypatch.setattr(alternatives, "LARGEST_GRID", N)
+    coarse = on_coarser_grid(scene_of(line)).surface
+    assert np.array_equal(coarse.heights, line.heights[::2])
+
+
+def test_errors_on_fewer_points_are_differences_there(monkeypatch):
+    """Errors by form on every second point are differences from the result on every
+    second point, not from the one on all points, which is reported.
+
+    The error of the mean gap is within a tenth of that on all points.
+    """
+    surface = mirrored(ROUGH + 0.5 * PERIOD)
+    exact = bem.solve(scene_of(surface)).final.row
+    monkeypatch.setattr(alternatives, "LARGEST_GRID", surface.heights.size // 4)
+    row = bem.solve(scene_of(surface)).final.row
+    coarse = on_coarser_grid(scene_of(surface)).surface
+    variants = [coarse.annotated(alternatives=())]
+    variants += [each.applied_to(coarse) for each in coarse.alternatives]
+    rows = [bem.solve(scene_of(variant)).final.row for variant in variants]
+    for name in ("mean_gap", "total_area", "plastic_area"):
+        assert row[name] == exact[name]
+        differences = [abs(other[name] - rows[0][name]) for other in rows[1:]]
+        by_hand = 2 * max(differences)
+        assert row[f"{name}_error_by_form"] == pytest.approx(by_hand, rel=0.05)
+    error = exact["mean_gap_error_by_form"]
+    assert row["mean_gap_error_by_form"] == pytest.approx(error, rel=0.1)
 
 
 def test_no_area_is_claimed_for_missing_summits():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact import bem
+from epcontact import alternatives, bem
 from epcontact.errors import InvalidScene
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.quantities.registry import measure
@@ -132,6 +132,26 @@ def test_a_map_without_holes_has_no_such_columns(solve, tmp_path):
         assert not {*FRACTIONS} & {*step.quantities, *row}
     assert not any("filled" in note for note in result.notes)
     assert "filled" not in read_fields(tmp_path / "out/filled/fast/bem.vti").fields
+
+
+def test_a_run_solves_the_alternatives_of_a_large_map_on_fewer_points(
+    solve, monkeypatch
+):
+    """A run has the same errors by missing heights as boundary elements alone, all of
+    them from fewer points, and such an error for a column that only a run measures.
+    """
+    monkeypatch.setattr(alternatives, "LARGEST_GRID", MIRRORED.size // 4)
+    scene, result, _ = solve(MAP)
+    alone = bem.solve(scene)
+    monkeypatch.undo()
+    on_all_points = bem.solve(scene)
+    for steps in zip(result.steps, alone.steps, on_all_points.steps, strict=True):
+        rows = [step.row for step in steps]
+        assert rows[0]["mean_gap"] == rows[2]["mean_gap"]
+        errors = [row["mean_gap_error_by_missing"] for row in rows]
+        assert errors[0] == pytest.approx(errors[1], rel=1e-9)
+        assert errors[0] != errors[2]
+        assert rows[0]["contact_percolation_error_by_missing"] >= 0
 
 
 def test_no_area_is_claimed_where_filled_points_carry_most_of_the_load(solve):

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from epcontact.alternatives import (
     TOLERANCE_OF_ERROR,
     filled_notes,
+    on_coarser_grid,
     with_measurement_errors,
+    without_alternatives,
 )
 from epcontact.bem.areas.distribution import pressure_distribution
 from epcontact.bem.areas.rim_correction import estimate_areas
@@ -104,10 +106,11 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             that load; it must not change them.
 
     A measured surface is also solved with each of its `alternatives`, which gives the
-    errors "form" and "missing" of each value (`epcontact.alternatives`).  Heights whose
-    shortest waves the grid does not resolve are solved first at every second point,
-    which is a part of the error by the grid (`bem.resolution`); not so if `compliance`
-    is given.
+    errors "form" and "missing" of each value (`epcontact.alternatives`).  These solves
+    have fewer points if there are many, unless `compliance` or `plastic_displacement`
+    is given.  Heights whose shortest waves the grid does not resolve are solved first
+    at every second point, which is a part of the error by the grid (`bem.resolution`);
+    not so if `compliance` is given.
 
     Returns:
         The areas and other quantities at each load, and the fields at the last one.
@@ -181,7 +184,13 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
             max_steps=max_steps,
         ).steps
 
-    steps = with_measurement_errors(scene, result.steps, solve_alternative)
+    base = None
+    if not given_compliance and plastic_displacement is None:
+        compared = on_coarser_grid(scene)
+        if compared is not scene:
+            base = solve_alternative(without_alternatives(compared))
+            scene = compared
+    steps = with_measurement_errors(scene, result.steps, solve_alternative, base)
     return replace(
         result,
         steps=steps,

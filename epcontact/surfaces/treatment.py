@@ -674,7 +674,7 @@ def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
     inside = inner_moments(surface)
     notes = [*surface.notes, *_slope_notes(surface, inside.rms_slope)]
     if not treated or inside.rms_curvature == 0:
-        return replace(surface, notes=tuple(notes))
+        return surface.annotated(notes=tuple(notes))
     length = inside.rms_slope / inside.rms_curvature / min(recipe.periods)
     errors = {
         name: length * factor for name, factor in EDGE_ERRORS[recipe.treatment].items()
@@ -689,7 +689,7 @@ def _with_edge_errors(surface: Surface, recipe: Any, treated: bool) -> Surface:
         f"values by up to {values} (areas relative to the total area); this is a part "
         "of the error of each value"
     )
-    return replace(surface, notes=tuple(notes), treatment_errors=errors)
+    return surface.annotated(notes=tuple(notes), treatment_errors=errors)
 
 
 def _with_alternatives(
@@ -722,7 +722,7 @@ def _with_alternatives(
             points = np.nonzero(change)
             change = change[points]
         on_surface.append(Alternative(alternative.source, points, (change,)))
-    return replace(surface, alternatives=tuple(on_surface))
+    return surface.annotated(alternatives=tuple(on_surface))
 
 
 def _mirrored_profiles(alternative: Alternative, shape: tuple[int, ...]) -> Alternative:

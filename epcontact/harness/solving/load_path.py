@@ -20,6 +20,7 @@ from typing import Any
 from epcontact.alternatives import (
     TOLERANCE_OF_ERROR,
     filled_notes,
+    on_coarser_grid,
     with_measurement_errors,
 )
 from epcontact.errors import InvalidCase, NotConverged
@@ -43,8 +44,6 @@ from epcontact.scene import Load, Scene
 
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
-#: Methods that solve the alternatives of a measured surface themselves.
-_FAST_METHODS = ("bem", "persson")
 
 #: Loads that take less time are saved together.
 _SECONDS_BETWEEN_SAVES = 1.0
@@ -136,8 +135,9 @@ def _with_measurement_errors(
     """Return the steps with the errors that the measurement of a surface causes.
 
     The path is solved with each alternative of the surface.  Boundary elements solve
-    them for all methods but the theory: the differences are those of the surfaces, and
-    finite elements would take hours for each.
+    them for all methods but the theory, on a coarser grid if there are many points: the
+    differences are those of the surfaces, and finite elements would take hours for
+    each.
 
     Args:
         task: the method and its options.
@@ -158,9 +158,12 @@ def _with_measurement_errors(
         ).steps
 
     base = None
-    if task.method.name not in _FAST_METHODS:
+    if task.method.name != "persson":
         solving = replace(solving, method=METHODS["bem"])
-        base = solve(scene)
+        compared = on_coarser_grid(scene)
+        if compared is not scene or task.method.name != "bem":
+            base = solve(compared)
+        scene = compared
     return list(with_measurement_errors(scene, steps, solve, base))
 
 

@@ -79,7 +79,8 @@ def at_each_load(task: Task, scene: Scene) -> Iterator[Measurement]:
             if _is_check(name):
                 yield Measurement(name, "fail")
     if task.lists_loads:
-        left_out = columns_left_out(task.case, scene.surface.heights.size)
+        # The grid of the task, and not that of a coarser scene for an error estimate.
+        left_out = columns_left_out(task.case, math.prod(task.recipe.shape))
         for name in QUANTITIES_OF_EACH_LOAD:
             column = name.removeprefix("quantity.").removesuffix(".error")
             if name not in FILLED and column not in left_out:
