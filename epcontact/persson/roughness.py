@@ -40,6 +40,7 @@ class Roughness:
         upper_edge: Largest wave number of each band in rad/m, (n,).
         slope_variance: Contribution of each band to xi^2, (n,).
         first_moment: Contribution of each band to m_1 = int dxi^2 / q in m, (n,).
+        height_variance: Contribution of each band to the height variance in m^2, (n,).
         lowest: q_0 in rad/m, where the magnification is 1.
         slope_variance_up_to: Function from wave numbers in rad/m, of any shape, to
             xi^2 of the roughness up to them.
@@ -48,6 +49,7 @@ class Roughness:
     upper_edge: FloatArray
     slope_variance: FloatArray
     first_moment: FloatArray
+    height_variance: FloatArray
     lowest: float
     slope_variance_up_to: Callable[[ArrayLike], FloatArray] = field(repr=False)
 
@@ -92,6 +94,7 @@ def analytic_roughness(spectrum: SelfAffineSpectrum, bands: int = 512) -> Roughn
         upper_edge=edges[1:],
         slope_variance=np.diff(slope_variance_up_to(spectrum, edges)),
         first_moment=np.diff(spectral_moment(spectrum, 1, wavenumber=edges)),
+        height_variance=np.diff(spectral_moment(spectrum, 0, wavenumber=edges)),
         lowest=q0,
         slope_variance_up_to=lambda q: slope_variance_up_to(spectrum, q),
     )
@@ -137,6 +140,7 @@ def roughness_of(surface: Surface, spectrum: SpectrumKind = "analytic") -> Rough
         upper_edge=rings.upper_edge,
         slope_variance=rings.slope_variance,
         first_moment=rings.slope_variance / rings.wavenumber,
+        height_variance=rings.height_variance,
         lowest=2 * math.pi / max(surface.periods),
         slope_variance_up_to=lambda q: cumulative_slope_variance(surface, q),
     )

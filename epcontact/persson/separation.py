@@ -126,6 +126,7 @@ def flattened_roughness(theory: Theory, mean_pressure: float) -> Roughness:
         roughness,
         slope_variance=slope_variance,
         first_moment=remaining * roughness.first_moment,
+        height_variance=remaining * roughness.height_variance,
         slope_variance_up_to=slope_variance_up_to,
     )
 
@@ -297,5 +298,6 @@ def _without_first_bands(theory: Theory, count: int) -> Theory:
         upper_edge=roughness.upper_edge[count:],
         slope_variance=roughness.slope_variance[count:],
         first_moment=roughness.first_moment[count:],
+        height_variance=roughness.height_variance[count:],
     )
     return replace(theory, roughness=finer)

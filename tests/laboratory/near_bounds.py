@@ -28,10 +28,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.integrate import quad
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import least_squares
 from scipy.special import ndtri
 
 from epcontact import bem, persson
+from epcontact.persson.clipped_pressure import SAVED_ENERGY, displacements
 from epcontact.persson.near_bounds import (
     CONSTANTS,
     RESOLUTION,
@@ -69,7 +70,8 @@ def spectrum_of(hurst, bandwidth, roll_off):
 
 def solved(hurst, bandwidth, roll_off, seed):
     """Yield a row for each load and hardness of PLACES: the corrected areas by boundary
-    elements, their estimated errors, and the mean gap over the rms height.
+    elements, their estimated errors, and the mean gap and plastic displacement over the
+    rms height.
 
     The arguments are those of `spectrum_of` and the seed of the surface; areas are
     fractions of the nominal area.
@@ -90,6 +92,8 @@ def solved(hurst, bandwidth, roll_off, seed):
             row[part] = getattr(step.areas["corrected"], part)
             row[f"{part}_error"] = getattr(step.areas["error"], part)
         row["gap"] = step.quantities["mean_gap"] / surface.rms_height
+        flow = step.quantities["mean_plastic_displacement"]
+        row["plastic_displacement"] = flow / surface.rms_height
         yield row
 
 
@@ -120,6 +124,8 @@ def measured(kept):
     for part in AIMS:
         scatter = groups[part].std() / np.sqrt(groups.size())
         mean[f"{part}_error"] = np.hypot(scatter, mean[f"{part}_error"])
+    for name in mean.columns.intersection(["gap", "plastic_displacement"]):
+        mean[f"{name}_error"] = groups[name].std() / np.sqrt(groups.size())
     return mean.reset_index()
 
 
@@ -275,48 +281,98 @@ def _weighted_slope(slope, decay):
     return slope**3 * math.exp(-(slope**2) - decay * slope)
 
 
-#: Loads over E* xi at which the parts of the gap's response decay, and the smallest
-#: mean gap over the rms height that is counted.
-DECAYS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6])
+#: The smallest mean gap or plastic displacement over the rms height that counts, and
+#: the aim for the relative error of both.
 SMALLEST_GAP = 0.03
+GAP_AIM = 0.05
 
 
-def gap_response(table):
-    """Fit the response of elastic bodies' mean gap to rings of waves, and judge it.
+@functools.cache
+def own_roughness(hurst, bandwidth, roll_off):
+    """Return the roughness of a surface's own Fourier modes, and its rms height in m.
 
-    A contact that takes the part W of the elastic energy that full contact would store
-    in a ring of waves has, by the work of the load, the mean gap
-
-        gap = (E*/4) int dW/dp_0 dxi^2/q,   W = W(p_0/(E* xi(q))),
-
-    with the slope xi of all waves up to q.  dW/ds is fitted as a sum of decaying
-    exponentials with positive weights; W(infinity) is 1 in theory and free in the fit.
-    `table` is that of `measured`.
+    All seeds have the same, since their modes differ in phase alone.  The mean gap
+    depends on the longest waves, of which a period holds a few.  The arguments are
+    those of `spectrum_of`.
     """
-    table = table[np.isinf(table["hardness"]) & (table["gap"] > SMALLEST_GAP)]
-    rows = []
+    spectrum = spectrum_of(hurst, bandwidth, roll_off)
+    periods = (2 * math.pi / LOWEST,) * 2
+    surface = SelfAffine(spectrum, periods, (4 * bandwidth,) * 2, 1).build()
+    return persson.roughness_of(surface, "surface"), surface.rms_height
+
+
+def gaps_of_theory(table, saved_energy=SAVED_ENERGY):
+    """Return the mean gap and the plastic displacement over the rms height by
+    `persson.clipped_pressure`, (rows, 2).
+
+    `saved_energy` is its constant; loads and hardnesses of the table are over E* times
+    rms slope.
+    """
+    found = []
     for row in table.itertuples():
-        spectrum = spectrum_of(row.hurst, row.bandwidth, row.roll_off)
-        rough = persson.analytic_roughness(spectrum)
-        filled = rough.slope_variance > 0
-        variance = rough.slope_variance[filled]
-        of_energy = rough.first_moment[filled]
-        slope = np.sqrt(np.cumsum(variance) - variance / 2)
-        height = math.sqrt(np.sum(of_energy**2 / variance))
-        decayed = np.exp(-np.multiply.outer(1 / DECAYS, row.p0 / slope))
-        rows.append(decayed @ (of_energy / slope) / (4 * height))
-    design = np.array(rows)
+        rough, height = own_roughness(row.hurst, row.bandwidth, row.roll_off)
+        reduction = persson.EnergyReduction(GAMMA)
+        theory = persson.Theory(rough, MODULUS, reduction, row.hardness * MODULUS)
+        at_load = displacements(theory, row.p0 * MODULUS, saved_energy)
+        found.append((at_load.mean_gap, at_load.plastic_displacement))
+        found[-1] = np.array(found[-1]) / height
+    return np.array(found)
+
+
+def fit_saved_energy(table):
+    """Return the constant of `persson.clipped_pressure` that fits the mean gaps of a
+    table, and its standard error.
+
+    The misfit of a gap is its relative error over the aim and its own error together,
+    with outliers damped.
+    """
+    table = table[table["gap"] > SMALLEST_GAP]
     gap = table["gap"].to_numpy()
-    fitted = (table["half"] == "fitted").to_numpy()
-    weight = 1 / gap[fitted]
-    parts, _ = nnls(design[fitted] * weight[:, None], np.ones(fitted.sum()))
-    off = design @ parts / gap - 1
-    print("weights of exp(-s/s_k)", parts.round(3), "at", DECAYS)
-    print(f"W rises to {parts @ DECAYS:.3f}")
-    for half, roll_off in product(HALVES, ROLL_OFFS):
-        chosen = (table["half"] == half) & (table["roll_off"] == roll_off)
-        rms = 100 * math.sqrt(np.mean(off[chosen] ** 2))
-        print(f"gap of elastic bodies, {half}, roll-off {roll_off}: rms {rms:.1f} %")
+    scale = np.hypot(GAP_AIM, table["gap_error"] / gap).to_numpy()
+
+    def misfit(saved_energy):
+        """Return the errors of the gaps over their allowed errors, (n,)."""
+        return (gaps_of_theory(table, float(saved_energy[0]))[:, 0] / gap - 1) / scale
+
+    found = least_squares(
+        misfit, [SAVED_ENERGY], "2-point", (0, 0.9), loss="soft_l1", diff_step=0.05
+    )
+    variance = 2 * found.cost / (gap.size - 1) / np.sum(found.jac**2)
+    return float(found.x[0]), math.sqrt(variance)
+
+
+def report_gaps(table):
+    """Print the errors of mean gap and plastic displacement in %, by half, roll-off and
+    kind of body; of all places, and of those whose own error is at most 5 %.
+    """
+    by_theory = gaps_of_theory(table)
+    for k, name in enumerate(("gap", "plastic_displacement")):
+        if name not in table or table[name].isna().all():
+            continue
+        value = table[name].to_numpy()
+        own = np.divide(
+            table[f"{name}_error"], value, out=np.ones_like(value), where=value > 0
+        )
+        off = np.divide(
+            by_theory[:, k], value, where=value > 0, out=np.ones_like(value)
+        )
+        off = 100 * (off - 1)
+        for half, roll_off, capped in product(HALVES, ROLL_OFFS, (True, False)):
+            rows = (table["half"] == half) & (table["roll_off"] == roll_off)
+            rows &= (np.isfinite(table["hardness"]) == capped) & (value > SMALLEST_GAP)
+            for limit in (LARGEST_OWN_ERROR, math.inf):
+                chosen = (rows & (own <= limit)).to_numpy()
+                if not chosen.any():
+                    continue
+                rms = math.sqrt(np.mean(off[chosen] ** 2))
+                of_own = 100 * math.sqrt(np.mean(own[chosen] ** 2))
+                body = "capped" if capped else "elastic"
+                print(
+                    f"{name} {half} {body} roll-off {roll_off} own error <= {limit}: "
+                    f"n {chosen.sum()} rms {rms:.1f} mean {off[chosen].mean():+.1f} "
+                    f"median {np.median(abs(off[chosen])):.1f} "
+                    f"95 % {np.quantile(abs(off[chosen]), 0.95):.1f} own {of_own:.1f}"
+                )
 
 
 def main():
@@ -332,7 +388,9 @@ def main():
         report_all(half, rows, np.column_stack([getattr(paper, p) for p in AIMS]))
     report_all("map", *over_the_map())
     soft_limit()
-    gap_response(table)
+    saved_energy, error = fit_saved_energy(table[table["half"] == "fitted"])
+    print(f"saved energy {saved_energy:.3f} +- {error:.3f}, used {SAVED_ENERGY}")
+    report_gaps(table)
 
 
 if __name__ == "__main__":
