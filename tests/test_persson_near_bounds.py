@@ -214,8 +214,8 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
 
 
 def test_what_the_rule_does_not_have_is_refused():
-    """The rule raises InvalidScene for energy, gap and factor, a hardness that is not
-    constant, a load beyond the hardness and a flat surface.
+    """Persson's energy and gap, the factor, a hardness that is not constant, a load
+    beyond the hardness and a flat surface raise InvalidScene.
     """
     theory = body(0.6)
     for function, arguments in (
@@ -225,7 +225,9 @@ def test_what_the_rule_does_not_have_is_refused():
         (mean_separation, (body(), 0.05)),
         (theory.reduction.factor, (0.5,)),
     ):
-        with pytest.raises(InvalidScene, match="no diffusion G, elastic energy, gap"):
+        with pytest.raises(
+            InvalidScene, match="no diffusion G: it gives no distribution"
+        ):
             function(*arguments)
     with pytest.raises(InvalidScene, match="must be constant"):
         persson.hardness_curve(theory, 0.05, np.ones_like)

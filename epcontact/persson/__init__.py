@@ -3,9 +3,10 @@
 `solve` solves a scene.  `Theory` gives curves against magnification and pressure.  The
 other modules are `elastoplastic` (the equations for areas and pressures), `series` (the
 evaluation of their sums), `reduction` (the energy reduction S and the diffusion),
-`local` (an S that depends on the pressure), `roughness` (the moments of a spectrum),
-`separation` (elastic energy and gaps) and `hardness` (a hardness that depends on the
-magnification).
+`near_bounds` (an S that depends on the pressure), `roughness` (the moments of a
+spectrum), `separation` (elastic energy and gaps), `clipped_pressure` (mean gap, plastic
+displacement and elastic energy for the rule `near_bounds`) and `hardness` (a hardness
+that depends on the magnification).
 """
 
 from epcontact.persson.driver import solve

@@ -118,8 +118,10 @@ def displacements(
         options={"gtol": _GRADIENT, "ftol": _GRADIENT**2},
     )
     found = field.evaluate(best.x, p0, hardness)
-    gap = -found.by_load - found.by_hardness
-    plastic = -found.by_hardness
+    # The approximate potential may grow with the hardness by rounding, or where hardly
+    # any of the contact flows.
+    gap = max(-found.by_load - found.by_hardness, 0.0)
+    plastic = max(-found.by_hardness, 0.0)
     if p0 < load:
         gap, plastic = plastic, gap
     return Displacements(

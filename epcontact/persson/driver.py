@@ -7,16 +7,18 @@ import time
 from collections.abc import Callable
 
 from epcontact.alternatives import with_measurement_errors
+from epcontact.persson.clipped_pressure import displacements
 from epcontact.persson.elastoplastic import (
     ContactAreas,
     areas,
     boundary_slopes,
     elastic_force,
 )
+from epcontact.persson.near_bounds import StressState
 from epcontact.persson.reduction import Rule
 from epcontact.persson.roughness import SpectrumKind
 from epcontact.persson.separation import elastic_energy, mean_separation
-from epcontact.persson.theory import Theory, pressure_curve
+from epcontact.persson.theory import PressureCurve, Theory, pressure_curve
 from epcontact.persson.validity import expectation
 from epcontact.results import (
     Areas,
@@ -40,8 +42,8 @@ def solve(
     """Solve a scene on a half-space by Persson's theory.
 
     Raw and corrected areas are the same and exact, because the theory has no grid.  The
-    rule "near_bounds" is solved on a grid, to 3e-3, and has no diffusion, gap or
-    elastic energy.
+    rule "near_bounds" is solved on a grid, to 3e-3.  It has no diffusion, and its gap,
+    plastic displacement and energy are those of `persson.clipped_pressure`.
 
     Args:
         scene: An isotropic surface on a half-space under non-decreasing loads.
@@ -75,7 +77,8 @@ def solve(
     )
     steps = []
     for mean_pressure in scene.load.path:
-        steps.append(_load_step(theory, mean_pressure, scene.surface))
+        state = _stress_state(theory, mean_pressure)
+        steps.append(_load_step(theory, mean_pressure, scene.surface, state))
         if progress is not None and len(steps) < len(scene.load.path):
             fraction = len(steps) / len(scene.load.path)
             progress(fraction, f"load {len(steps)} of {len(scene.load.path)}")
@@ -89,14 +92,19 @@ def solve(
                 spectrum=spectrum,
                 reduction=reduction,
             )
-            path = changed.load.path
-            return [_load_step(other, load, changed.surface) for load in path]
+            found = []
+            for load in changed.load.path:
+                at_load = _stress_state(other, load)
+                found.append(_load_step(other, load, changed.surface, at_load))
+            return found
 
         steps = list(with_measurement_errors(scene, steps, solve_alternative))
-    if reduction == "near_bounds":
-        curve = theory.pressure_curve(scene.load.final)
+    if state is not None:
+        curve = PressureCurve.of_state(state)
+        expected = expectation(theory, scene.load.final, state.areas)
         accuracy = "3e-3"
     else:
+        expected = expectation(theory, scene.load.final)
         diffusion = steps[-1].quantities["diffusion"]
         curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
         accuracy = "1e-10"
@@ -106,7 +114,7 @@ def solve(
         f"energy reduction gamma = {gamma:g}, rule {reduction!r}, {spectrum} spectrum",
         "the areas solve the theory's equations to a relative error of "
         f"{accuracy}, without a grid to correct for",
-        expectation(theory, scene.load.final),
+        expected,
     )
     return ContactResult(
         method="persson",
@@ -120,7 +128,21 @@ def solve(
     )
 
 
-def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadStep:
+def _stress_state(theory: Theory, mean_pressure: float) -> StressState | None:
+    """Return the stress by the rule "near_bounds"; None for the other rules.
+
+    Args:
+        theory: The theory of the scene's body.
+        mean_pressure: In Pa.
+    """
+    if theory.reduction.rule == "near_bounds":
+        return theory.stress_state(mean_pressure)
+    return None
+
+
+def _load_step(
+    theory: Theory, mean_pressure: float, surface: Surface, state: StressState | None
+) -> LoadStep:
     """Return areas, residuals and quantities of the theory at one load.
 
     Args:
@@ -128,6 +150,7 @@ def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadSt
         mean_pressure: In Pa.
         surface: The scene's surface, whose treatment (such as filters) has error
             estimates that are added to the step.
+        state: The stress by the rule "near_bounds"; None: the rule is another.
     """
     hardness = theory.hardness
     quantities = {
@@ -135,19 +158,24 @@ def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadSt
         "rms_slope": theory.roughness.rms_slope,
     }
     contact: ContactAreas
-    if theory.reduction.rule == "near_bounds":
-        state = theory.stress_state(mean_pressure)
+    if state is not None:
         contact = state.areas
         elastic_load = state.force
         at_zero, at_hardness = state.slopes
-        of_diffusion = {}
+        moved = displacements(theory, mean_pressure)
+        of_rule = {
+            "mean_gap": moved.mean_gap,
+            "mean_separation": moved.mean_gap - moved.plastic_displacement,
+            "mean_plastic_displacement": moved.plastic_displacement,
+            "elastic_energy": moved.elastic_energy,
+        }
     else:
         G = float(theory.diffusion(mean_pressure))
         contact = areas(G, mean_pressure, hardness)
         elastic_load = float(elastic_force(G, mean_pressure, hardness))
         slopes = boundary_slopes(G, mean_pressure, hardness)
         at_zero, at_hardness = float(slopes[0]), float(slopes[1])
-        of_diffusion = {
+        of_rule = {
             "diffusion": G,
             "mean_gap": mean_separation(theory, mean_pressure),
             "elastic_energy": elastic_energy(theory, mean_pressure),
@@ -164,6 +192,6 @@ def _load_step(theory: Theory, mean_pressure: float, surface: Surface) -> LoadSt
             "area": abs(exact.total + float(contact.separated) - 1),
             "force": abs((elastic_load + plastic_load) / mean_pressure - 1),
         },
-        quantities=quantities | of_diffusion,
+        quantities=quantities | of_rule,
     )
     return step.with_errors(surface.treatment_errors, "treatment")

@@ -106,9 +106,9 @@ class EnergyReduction:
                 return g + (1 - g) * A
             case "near_bounds":
                 raise InvalidScene(
-                    "the rule 'near_bounds' has an S for each pressure: it gives areas "
-                    "and pressures, but no diffusion G, elastic energy, gap or moving "
-                    "hardness"
+                    "the rule 'near_bounds' has an S for each pressure, and no "
+                    "diffusion G: it gives no distribution of the gap and no moving "
+                    "hardness; `persson.clipped_pressure` gives its mean gap and energy"
                 )
 
 

@@ -87,6 +87,16 @@ class PressureCurve(Curve):
     cumulative: Annotated[FloatArray, "cumulative_area"]
     plastic: float
 
+    @classmethod
+    def of_state(cls, state: StressState) -> PressureCurve:
+        """Return the distribution of the pressure at the end of a diffusion.
+
+        Args:
+            state: The stress by the rule "near_bounds".
+        """
+        plastic = float(state.plastic[-1])
+        return cls(state.pressure, state.density, state.cumulative, plastic)
+
 
 def pressure_curve(
     diffusion: float,
@@ -288,9 +298,7 @@ class Theory:
         G = float(self.diffusion(mean_pressure, magnification))
         if self.reduction.rule != "near_bounds" or G == 0:
             return pressure_curve(G, mean_pressure, self.hardness)
-        state = self.stress_state(mean_pressure, G)
-        plastic = float(state.plastic[-1])
-        return PressureCurve(state.pressure, state.density, state.cumulative, plastic)
+        return PressureCurve.of_state(self.stress_state(mean_pressure, G))
 
     def stress_state(
         self,

@@ -62,6 +62,8 @@ _SMALLEST_SEPARATED = 3e-5
 #: largest possible values, by the rule of the energy reduction.  With a constant gamma
 #: these areas may vanish.
 _FLOORS = {"constant": (0.01, 0.1, 0.003), "near_bounds": (0.0, 0.0, 0.0)}
+#: Names of the map's columns of errors, by the rule of the energy reduction.
+_COLUMNS = {"constant": "theory", "near_bounds": "near_bounds"}
 #: Standard deviation of y about the line that no surface explains.
 _MISFIT = 0.008
 #: The error of an interpolation, as a fraction of the change by its last order.
@@ -109,7 +111,10 @@ class ExpectedError(NamedTuple):
 
 
 def expected_errors(
-    theory: Theory, mean_pressure: float, surfaces: int = 1
+    theory: Theory,
+    mean_pressure: float,
+    surfaces: int = 1,
+    contact: ContactAreas | None = None,
 ) -> dict[str, ExpectedError]:
     """Return the errors to be expected of the theory, by the names in `FIGURES`.
 
@@ -121,6 +126,8 @@ def expected_errors(
         theory: The body.
         mean_pressure: In Pa.
         surfaces: Number of surfaces whose mean is compared.
+        contact: The theory's areas at this pressure, as fractions; None: they are
+            computed.
 
     Raises:
         InvalidScene: The scene is outside the map; the sentence says in what.
@@ -145,7 +152,8 @@ def expected_errors(
     if not theory.roughness.rms_slope:
         raise InvalidScene("the surface is flat")
     _place_in_map(theory, mean_pressure)  # refuses a scene that is outside
-    contact = theory.contact_areas(mean_pressure)
+    if contact is None:
+        contact = theory.contact_areas(mean_pressure)
     ends, true_areas = _interpolate(theory, mean_pressure, contact, surfaces)
     errors = 2 / (1 / np.clip(ends, -1, 0.999) - 1)
     if 2 * mean_pressure > theory.hardness:
@@ -254,7 +262,9 @@ def _interpolate(
     return ends, 1 / (_IS_LOGIT + np.exp(-logs)).T
 
 
-def expectation(theory: Theory, mean_pressure: float) -> str:
+def expectation(
+    theory: Theory, mean_pressure: float, contact: ContactAreas | None = None
+) -> str:
     """Return a sentence on the expected errors of the theory, for a result's notes.
 
     Outside the map of errors the sentence says that the errors are not known, and why.
@@ -262,9 +272,11 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
     Args:
         theory: The body.
         mean_pressure: In Pa.
+        contact: The theory's areas at this pressure, as fractions; None: they are
+            computed.
     """
     try:
-        errors = expected_errors(theory, mean_pressure)
+        errors = expected_errors(theory, mean_pressure, contact=contact)
     except InvalidScene as reason:
         return f"the error of the theory itself is not known here: {reason}"
     intervals = []
@@ -272,8 +284,6 @@ def expectation(theory: Theory, mean_pressure: float) -> str:
     not_defined = set()
     if math.isinf(theory.hardness):
         not_defined.add("plastic")
-    if theory.reduction.rule == "near_bounds":
-        not_defined.add("mean_gap")
     for name, words in LISTED.items():
         if name in errors:
             low, _, high = errors[name]
@@ -416,10 +426,11 @@ def _transformed_errors(
     """Yield each figure's transformed error, its standard error over the surfaces and
     its error by the grid of boundary elements, (rows,) each.
 
-    The order is that of `FIGURES`.  The rule "near_bounds" has areas alone, so that the
-    other figures are NaN.  For an area the transformed error is the difference
-    of logits (or logarithms) between boundary elements and the theory; for other
-    figures it is e/(2 + e), with the relative error e of the theory.
+    The order is that of `FIGURES`.  Of the rule "near_bounds" the map has the errors of
+    areas and of the mean gap, and the other figures are NaN.  For an area the
+    transformed error is the difference of logits (or logarithms) between boundary
+    elements and the theory; for other figures it is e/(2 + e), with the relative error
+    e of the theory.
 
     Args:
         rows: Columns of the map by name, (rows,) each.
@@ -439,14 +450,14 @@ def _transformed_errors(
         yield y, rows[f"{name}_scatter"] / remainder, of_grid / remainder
     nothing = np.full_like(load, np.nan)
     for name in FIGURES[3:]:
-        if rule == "near_bounds":
+        if rule == "near_bounds" and name != "mean_gap":
             yield nothing, nothing, nothing
             continue
         if name == "wasserstein":
             e = rows[name]
             error = rows[f"{name}_scatter"] * e
         else:
-            e = rows[f"{name}_theory"]
+            e = rows[f"{name}_{_COLUMNS[rule]}"]
             error = rows[f"{name}_scatter"] * (1 + e)
         yield e / (2 + e), 2 * error / (2 + e) ** 2, 0 * error
 

@@ -40,6 +40,7 @@ from epcontact.persson import (
     roughness_of,
     validity,
 )
+from epcontact.persson.clipped_pressure import displacements
 from epcontact.persson.near_bounds import CONSTANTS
 from epcontact.persson.separation import mean_separation
 from epcontact.results import PressureDistribution
@@ -124,6 +125,8 @@ def place_row(tasks, output):
     row |= figures(
         "mean_gap", mean_separation(own, theory.final.mean_pressure) / height, gaps
     )
+    gap = displacements(own, theory.final.mean_pressure).mean_gap / height
+    row["mean_gap_near_bounds"] = gap / row["mean_gap"] - 1
     pressures = [corrected(result) for result in found]
     row |= distances(pressures, theory.distribution, hardness)
     width = WINDOW * min(hardness, unit)
