@@ -32,7 +32,7 @@ def invoke(*arguments):
     with contextlib.ExitStack() as after, mock.patch("sys.argv", command):
         for number in (signal.SIGTERM, signal.SIGINT):
             after.callback(signal.signal, number, signal.getsignal(number))
-        after.enter_context(mock.patch.object(progress, "_FIRST_LINE", 600.0))
+        after.enter_context(mock.patch.object(progress, "_FIRST_LINE", 1e6))
         after.enter_context(contextlib.redirect_stdout(out))
         after.enter_context(contextlib.redirect_stderr(err))
         end = after.enter_context(pytest.raises(SystemExit))

@@ -27,7 +27,7 @@ from rich.console import Console
 from epcontact.cli import list_cases, main, progress
 from epcontact.cli.ascii_forms import ASCII_FORMS, encodable
 from epcontact.cli.main import COMMANDS, cli
-from epcontact.cli.progress import ProgressLine, show_progress
+from epcontact.cli.progress import ProgressLine, show_progress, show_sentences
 from epcontact.cli.tables import results_table, verdict_table
 from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
 from epcontact.errors import OutputError, sentence_of
@@ -817,6 +817,21 @@ def test_a_sentence_leaves_out_the_middle_of_a_very_long_text():
 # ---------------------------------------------------------------------------------
 
 
+def test_a_pipe_has_the_sentence_on_the_current_work(monkeypatch, capsys):
+    """What a command works on is in each line, with the passed time; and two pieces of
+    work, one after the other, have no two lines within the interval.
+    """
+    monkeypatch.setattr(progress, "_FIRST_LINE", 0.01)
+    monkeypatch.setattr(progress, "_SHORTEST_WAIT", 0.01)
+    monkeypatch.setattr(ProgressLine, "last_printed", float("-inf"))
+    for sentence in ("pilot on 8 points", "pilot on 16 points"):
+        with show_sentences("plan") as say:
+            say(sentence)
+            time.sleep(0.2)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["plan: running for 0:00:00, pilot on 8 points"]
+
+
 def test_a_pipe_has_a_line_within_a_second_and_then_one_in_ten(monkeypatch, capsys):
     """A pipe gets a line soon and others at intervals, also while nothing is finished,
     and a last line; a command that fails has no last line.
@@ -825,6 +840,7 @@ def test_a_pipe_has_a_line_within_a_second_and_then_one_in_ten(monkeypatch, caps
     """
     monkeypatch.setattr(progress, "_FIRST_LINE", 0.01)
     monkeypatch.setattr(progress, "_LINES_APART", 0.05)
+    monkeypatch.setattr(progress, "_SHORTEST_WAIT", 0.01)
     with show_progress("run") as update:
         update(0.5, 2, "")
         time.sleep(0.3)

@@ -7,7 +7,8 @@ from pathlib import Path
 import pandas as pd
 from rich.table import Table
 
-from epcontact.cli.main import print_error, print_text
+from epcontact.cli.main import print_text
+from epcontact.cli.progress import show_sentences
 from epcontact.cli.terminal import new_table, open_console, text_of
 from epcontact.errors import InvalidCase
 from epcontact.studies import STUDIES, save_charts
@@ -33,7 +34,8 @@ def chart(names: tuple[str, ...], full: bool, peers: bool, output: Path) -> None
             table.add_row(study.name, study.description)
         open_console().print(table)
     for name in dict.fromkeys(wanted):
-        charts = STUDIES[name].run(print_error, full=full)
+        with show_sentences("chart") as say:
+            charts = STUDIES[name].run(say, full=full)
         for path in save_charts(name, charts, output):
             print_text(path)
         for drawn in charts:
@@ -48,8 +50,10 @@ def stability(maps: tuple[str, ...], full: bool, output: Path) -> None:
     size = "coarse"
     if full:
         size = "full"
-    points = stability_maps.stability(maps, size, say=print_error)
-    for path in stability_maps.write(points, size, output):
+    with show_sentences("stability") as say:
+        points = stability_maps.stability(maps, size, say=say)
+        paths = stability_maps.write(points, size, output)
+    for path in paths:
         print_text(path)
     open_console().print(_summary(points))
 

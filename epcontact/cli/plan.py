@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from tempfile import TemporaryDirectory
 
 from epcontact import planning
-from epcontact.cli.main import print_error, print_text
+from epcontact.cli.main import print_text
+from epcontact.cli.progress import show_progress, show_sentences
 from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import Case, find_case, load_case
 from epcontact.harness.solving.tasks import Run
@@ -32,9 +34,9 @@ def plan(
     if loaded.skip:
         raise InvalidCase(f"{text.where}: {loaded.skip}")
     loaded = loaded.with_available_methods()
-    chosen = planning.plan(
-        loaded, _fraction(tolerance), parts=parts, progress=print_error
-    )
+    allowed = _fraction(tolerance)
+    with show_sentences("plan") as say:
+        chosen = planning.plan(loaded, allowed, parts=parts, progress=say)
     print_text(f"{chosen.case}: {_model(chosen)}, {chosen.areas} areas")
     sentences = [*chosen.reasons, *chosen.notes]
     if loaded.mapped_hardness:
@@ -105,8 +107,9 @@ def _check(case: Case, chosen: planning.Plan, settings: Run) -> None:
     cases = [planned]
     if finer is not None:
         cases.append(finer)
-    with TemporaryDirectory() as folder:
-        judged = verify(cases, settings, size="auto", output=folder).cases
+    with TemporaryDirectory() as folder, show_progress("plan") as progress:
+        settings = replace(settings, output=folder, progress=progress)
+        judged = verify(cases, settings, size="auto").cases
     results = [each for case in judged for each in case.results.values()]
     errors = [error for each in results for error in each.errors]
     if errors:

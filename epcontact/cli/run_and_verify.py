@@ -51,7 +51,7 @@ def run(
 
     The arguments are those of `commands.run`.
     """
-    loaded = _load(find_case(case), size)
+    (loaded,) = _load([find_case(case)], size)
     if loaded.skip:
         raise EpcontactError(f"{loaded.path}: {loaded.skip}")
     chosen = _with_methods(loaded, methods)
@@ -76,7 +76,9 @@ def run(
     if charts:
         _draw(chosen, results, settings.folder)
     if fields == "film":
-        _draw_films(chosen, settings.folder)
+        with show_progress("run"):
+            films = _draw_films(chosen, settings.folder)
+        _print_films(films)
     _note_old_verdict(settings.folder)
     folder = chosen.folder(settings.folder)
     print_text(f"results in {folder}")
@@ -237,7 +239,7 @@ def _load_auto(names: Sequence[str]) -> list[Case]:
     `epcontact verify` runs without arguments.  Raises InvalidCase for a bad case.
     """
     texts = [text for name in names for text in find_named(name)]
-    return [_load(text, "auto") for text in texts or cases_to_verify("fast")]
+    return _load(texts or cases_to_verify("fast"), "auto")
 
 
 #: The most cases that have a line each; more are counted by what they verify.
@@ -350,7 +352,7 @@ def _draw_verdict(
     """
     if with_films:
         for judged_case in verdict.cases:
-            _draw_films(judged_case.case, output)
+            _print_films(_draw_films(judged_case.case, output))
     if with_report:
         _write_report(verdict, output, progress)
 
@@ -394,33 +396,54 @@ def _draw(case: Case, results: Mapping[str, MethodResults], output: Path) -> Non
         print_error(f"epcontact: {sentence}")
 
 
-def _draw_films(case: Case, output: Path) -> None:
+def _draw_films(case: Case, output: Path) -> tuple[list[Path], Sequence[str]]:
     """Draw a film (.gif) of each load path of a case whose fields were written.
 
-    The files are printed on standard output, and on stderr why a film is missing.
-    `output` is the folder of the results of all cases.
+    Args:
+        case: The case.
+        output: Folder of the results of all cases.
+
+    Returns:
+        The paths of the films, and why some could not be drawn.
     """
     from epcontact.pictures.folder import draw_films
 
     folder = case.folder(output)
     films = draw_films(folder)
-    for name in films.names:
-        print_text(f"film in {folder / name}.gif")
-    for sentence in films.missing:
+    return [folder / f"{name}.gif" for name in films.names], films.missing
+
+
+def _print_films(films: tuple[list[Path], Sequence[str]]) -> None:
+    """Print the paths of films on standard output, and on stderr why some are missing.
+
+    `films` is what `_draw_films` returns.
+    """
+    paths, missing = films
+    for path in paths:
+        print_text(f"film in {path}")
+    for sentence in missing:
         print_error(f"epcontact: {sentence}")
 
 
-def _load(text: CaseText, size: str) -> Case:
-    """Return a case at a size.
+def _load(texts: Sequence[CaseText], size: str) -> list[Case]:
+    """Return cases at a size.
 
-    At the size "auto" the grid is chosen by a plan, as coarse as the gates allow, and a
-    sentence on stderr describes the plan.  Raises InvalidCase for a bad case.
+    At the size "auto" the grids are chosen by plans, as coarse as the gates allow, and
+    sentences on stderr describe the plans.  Raises InvalidCase for a bad case.
     """
     if size != "auto":
-        return load_case(text, size)
+        return [load_case(text, size) for text in texts]
     from epcontact.planning import load_auto  # no other size needs a plan
 
-    case, sentence = load_auto(text)
-    if sentence:
-        print_error(sentence)
-    return case
+    cases = []
+    sentences = []
+    with show_progress("plan") as progress:
+        for text in texts:
+            case, sentence = load_auto(text)
+            cases.append(case)
+            sentences.append(sentence)
+            progress(len(cases), len(texts), f"grid of {case.id}")
+    for sentence in sentences:
+        if sentence:
+            print_error(sentence)
+    return cases

@@ -178,7 +178,7 @@ def plan(
         nonlocal step
         if progress is not None:
             points = " x ".join(map(str, recipe.shape))
-            progress(f"plan: pilot by {method} on {points} points")
+            progress(f"pilot by {method} on {points} points")
         pilot = solve_pilot(
             case, recipe, method, parts, threads, step, **(options | tried)
         )
