@@ -25,7 +25,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,18 +74,25 @@ def processor_seconds() -> float:
     return time.process_time() + ended.children_user + ended.children_system
 
 
-def children_seconds(since: float) -> float:
+def children() -> set[psutil.Process]:
+    """Return the processes that this process started and that still run.
+
+    Children of children count, too.
+    """
+    return set(psutil.Process().children(recursive=True))
+
+
+def children_seconds(earlier: Set[psutil.Process]) -> float:
     """Return the processor time in seconds of the children of this process that run.
 
-    Children of children count, too.  since: time in s, as `time.time` has it; children
-    that began before it are left out.
+    earlier: children whose time is left out, as `children` returned them.  They are
+    named because the system tells the start of a process only to within a second.
     """
     seconds = 0.0
-    for child in psutil.Process().children(recursive=True):
+    for child in children() - earlier:
         with contextlib.suppress(psutil.Error):
-            if child.create_time() >= since:
-                of_child = child.cpu_times()
-                seconds += of_child.user + of_child.system
+            of_child = child.cpu_times()
+            seconds += of_child.user + of_child.system
     return seconds
 
 

@@ -62,6 +62,7 @@ from epcontact.harness.workers import (
 )
 from epcontact.machine import (
     available_cores,
+    children,
     children_seconds,
     compile_seconds,
     compiling,
@@ -429,10 +430,11 @@ def _time_limit(seconds: float, threads: int = 1) -> Iterator[None]:
 
     started = solving_seconds()
     started_by_clock = time.time()
+    earlier = children()
 
     def on_alarm(*_: object) -> None:
         """Raise TimeUp, or set the alarm again if processor time is left."""
-        spent = solving_seconds() - started + children_seconds(started_by_clock)
+        spent = solving_seconds() - started + children_seconds(earlier)
         left = limit - spent
         waited = time.time() - started_by_clock
         is_over = left <= 0 or waited > _PATIENCE * limit
