@@ -44,6 +44,9 @@ class HeightMap:
     orientation: str = AS_STATED  #: The note on which direction of the file is x.
     #: Mask of the heights that were filled before, if the file is a result with some.
     filled: NDArray[np.bool_] | None = None
+    #: Heights of the same points that another interpolation gives, of the same shape
+    #: and unit; None if no heights were interpolated.
+    otherwise: FloatArray | None = None
 
     def transposed(self) -> HeightMap:
         """Return this map with x and y exchanged, its lengths included."""

@@ -8,6 +8,7 @@ first bytes of the file.
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,10 @@ def _with_stated_scale(
     periods = None
     if unit is not None and not absent:
         periods = stored.periods or tuple(map(float, topography.physical_sizes))
-    return HeightMap(
-        stored.heights,
-        unit,
-        periods,
+    return replace(
+        stored,
+        unit=unit,
+        periods=periods,
         length_unit=unit,
         unit_source=f"its unit is {word}",
         size_source="the size that it stores",

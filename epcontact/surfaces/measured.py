@@ -396,6 +396,7 @@ class HeightsFromFile(Preparation):
             [*stored.notes, *self._scale_notes()],
             self._unit_in_metres(),
             stored.filled,
+            stored.otherwise,
         )
         return self._with_checked_slope(surface)
 

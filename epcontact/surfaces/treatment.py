@@ -197,6 +197,7 @@ def prepare_surface(
     notes: Iterable[str] = (),
     unit: float = 1.0,
     filled_before: NDArray[np.bool_] | None = None,
+    otherwise: FloatArray | None = None,
 ) -> Surface:
     """Treat the heights of a map as its recipe says, and return the surface.
 
@@ -210,6 +211,8 @@ def prepare_surface(
         notes: sentences on how the heights were read.
         unit: the unit of the heights, in m.
         filled_before: mask of the heights that an earlier treatment filled, if any.
+        otherwise: the heights that another interpolation gives, like `given`, if these
+            were interpolated.
 
     Raises:
         InvalidScene: Heights are missing and must not be filled, have an impossible
@@ -240,13 +243,17 @@ def prepare_surface(
     if filled_before is not None:
         filled |= filled_before
     mirrored = recipe.treatment == "mirrored"
-    least = np.where(clipped_above, heights, -np.inf)[filled]
-    most = np.where(clipped_below, heights, np.inf)[filled]
     forms = form_alternatives(heights, order, mirrored)
     if recipe.longest_wavelength is not None:
         forms = []  # a plane belongs to the longest waves, which are removed
     said += _form_notes(forms)
-    alternatives = [*forms, *hole_alternatives(heights, filled, least, most)]
+    least = np.where(clipped_above, heights, -np.inf)[filled]
+    most = np.where(clipped_below, heights, np.inf)[filled]
+    alternatives = [
+        *forms,
+        *hole_alternatives(heights, filled, least, most),
+        *_interpolated_alternatives(given, otherwise, unit),
+    ]
     jumps = edge_jumps(heights)
     said.append(f"rms jump at the edges: {_jump_words(jumps)}")
     if recipe.treatment == "refuse" and _is_jumping(jumps):
@@ -453,6 +460,22 @@ def _without_form(
         heights = np.where(np.isnan(heights), np.nan, 0.0)
         notes.append("the rest is rounding error, and the surface is flat")
     return heights, order or 0, notes
+
+
+def _interpolated_alternatives(
+    given: NDArray[Any], otherwise: FloatArray | None, unit: float
+) -> Iterator[Alternative]:
+    """Yield the alternative of heights that were interpolated, if there are such.
+
+    Args:
+        given: the interpolated heights in `unit`, NaN where missing.
+        otherwise: those of another interpolation, or None.
+        unit: the unit of the heights, in m.
+    """
+    if otherwise is not None:
+        change = np.nan_to_num(unit * (otherwise - given))
+        points = np.nonzero(change)
+        yield Alternative("missing", points, (change[points],))
 
 
 def _form_notes(alternatives: list[Alternative]) -> Iterator[str]:

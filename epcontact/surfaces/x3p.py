@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
@@ -137,14 +138,12 @@ def _map_of_document(
 
 def _in_metres(stored: HeightMap) -> HeightMap:
     """Return a map whose heights and lengths are in m, as the standard says."""
-    return HeightMap(
-        stored.heights,
-        1.0,
-        stored.periods,
+    return replace(
+        stored,
+        unit=1.0,
         length_unit=1.0,
         unit_source=".x3p files are in m",
         size_source="the increments of its axes",
-        notes=stored.notes,
     )
 
 

@@ -37,6 +37,8 @@ from epcontact.harness.quantities.registry import measure_all
 from epcontact.scene import Load, Material, Scene, Surface, rms_slope
 from epcontact.studies.paper_scene import self_affine
 from epcontact.surfaces import HeightsFromArray
+from epcontact.surfaces.profiles import profile_map
+from epcontact.surfaces.treatment import prepare_surface
 
 SLOPE, HARDNESS = 0.05, 0.01
 #: Mean pressures over the hardness.
@@ -298,6 +300,74 @@ def of_holes(kinds, seeds, holes, fractions, n=96):
     return pd.DataFrame(rows)
 
 
+def uneven_steps(kind, n, seed):
+    """Return increasing coordinates (n,) from 0 to n - 1 with uneven steps.
+
+    `kind` is one of STEPS: each point is off its place by up to .4 steps; anywhere;
+    steps that go up and down by 60 %; of two lengths; or that grow to six times.
+    """
+    rng = np.random.default_rng(seed)
+    index = np.arange(n)
+    x = {
+        "jitter": index + rng.uniform(-0.4, 0.4, n),
+        "random": rng.uniform(0, n, n),
+        "drift": np.cumsum(1 + 0.6 * np.sin(6 * np.pi * index / n)),
+        "two": np.cumsum(np.where(index < n / 2, 0.6, 1.4)),
+        "growing": np.cumsum(np.linspace(0.3, 1.7, n)),
+    }[kind]
+    x = np.sort(x) - x.min()
+    return x * (n - 1) / x.max()
+
+
+STEPS = ("jitter", "random", "drift", "two", "growing")
+
+
+def of_profiles(steps, seeds, n=300):
+    """Return rows of values of profiles with uneven steps against even fine profiles.
+
+    `steps` are names in STEPS.  The waves have 4 or 8 points, the Hurst exponent is .3
+    or .8, and every second profile has noise of .6 % of its rms height.
+    """
+    rows = []
+    loads = (0.2, 0.5)
+    for kind, points, hurst, seed in itertools.product(
+        steps, (4, 8), (0.3, 0.8), seeds
+    ):
+        rng = np.random.default_rng([seed, points])
+        waves = np.arange(1, n // points + 1)
+        phases = rng.uniform(0, 2 * np.pi, waves.size)
+        amplitudes = waves ** (-hurst - 0.5) / 1.37
+        rise = SLOPE / math.sqrt(np.sum((amplitudes * waves * 2 * np.pi / n) ** 2) / 2)
+
+        def heights(x, waves=waves, phases=phases, amplitudes=amplitudes * rise, n=n):
+            """Return the heights of the line at x; it does not repeat after n."""
+            return (
+                np.cos(2 * np.pi / 1.37 / n * np.outer(x, waves) + phases) @ amplitudes
+            )
+
+        even = np.linspace(0, n - 1, 4 * n)
+        exact = HeightsFromArray(heights(even), (n - 1.0,), "mirrored").build()
+        x = uneven_steps(kind, n, seed)
+        given = heights(x)
+        given += 0.006 * (seed % 2) * given.std() * rng.normal(size=n)
+        stored = profile_map(x, given)
+        recipe = HeightsFromArray(
+            stored.heights, stored.periods, "mirrored", missing="harmonic"
+        )
+        surface = prepare_surface(
+            stored.heights, recipe, "heights", otherwise=stored.otherwise
+        )
+        interpolated = [a for a in surface.alternatives if a.source == "missing"]
+        surface = replace(
+            surface, treatment_errors={}, alternatives=tuple(interpolated)
+        )
+        truth = solved(replace(exact, alternatives=()), (), loads)
+        for step, exact_step in zip(solved(surface, (), loads), truth, strict=True):
+            found = compared(step, exact_step, ("missing", "form"))
+            rows += [{"kind": kind, "of": f"{points} points", **row} for row in found]
+    return pd.DataFrame(rows)
+
+
 def coverage(rows, by):
     """Return a table of the percentage of values within their estimates, before and
     now, by value and another column, with the percentage of claimed values.
@@ -318,7 +388,7 @@ def coverage(rows, by):
 def main():
     """Print the tables of coverage that the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m laboratory.measured_maps")
-    parser.add_argument("of", choices=["form", "holes"])
+    parser.add_argument("of", choices=["form", "holes", "profiles"])
     parser.add_argument("--calibration", action="store_true")
     parser.add_argument("--largest", type=int, default=alternatives.LARGEST_GRID)
     given = parser.parse_args()
@@ -328,6 +398,8 @@ def main():
     first = 1 if given.calibration else 301
     if given.of == "form":
         tables = [coverage(of_form(kinds, range(first, first + 6)), "kind")]
+    elif given.of == "profiles":
+        tables = [coverage(of_profiles(STEPS, range(first, first + 4)), "kind")]
     else:
         fractions = (0.003, 0.02, 0.1, 0.27) if given.calibration else (0.01, 0.05, 0.2)
         names = HOLES[:4] if given.calibration else HOLES
