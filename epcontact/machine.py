@@ -18,6 +18,7 @@ import functools
 import gc
 import hashlib
 import logging
+import math
 import os
 import shutil
 import signal
@@ -64,6 +65,19 @@ def available_cores() -> int:
 def available_memory() -> int:
     """Return the bytes of memory that this process may still take."""
     return int(psutil.virtual_memory().available)
+
+
+def address_space_limit() -> float:
+    """Return the largest address space in bytes that this process may have.
+
+    It is the limit of `ulimit -v`, and infinite without one or on Windows.
+    """
+    if sys.platform == "win32":
+        return math.inf
+    import resource  # does not exist on Windows
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def processor_seconds() -> float:

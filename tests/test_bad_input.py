@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.case_files.text import SIZES
+from epcontact.harness.verdict import verify
 
 # --- mistakes in case files
 # ----------------------------------------------------------------------
@@ -638,3 +639,44 @@ def test_spoilt_result_is_not_reused(small, tmp_path):
         solves, reused = re.search(r"of (\d+), (\d+) reused", done.stderr).groups()
         assert int(reused) == int(solves) - 1, content[:40]
         assert json.loads(member.read_bytes())["key"] == changed["key"]
+
+
+def test_a_limit_of_the_address_space_is_refused_before_anything_loads(monkeypatch):
+    """Under `ulimit -v 500000` each command ends with one sentence; without the check
+    the linear algebra or the compiler aborts the process.  Help needs no memory.
+    """
+    resource = pytest.importorskip("resource")
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (500_000 * 1024, -1))
+    for command in (["run", "hertz-sphere"], ["list"], ["plan", "hertz-sphere"]):
+        done = invoke(*command)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.count("\n") == 1
+        assert "may have 0.48 GiB of address space (ulimit -v), but" in done.stderr
+    assert invoke("run", "--help").returncode == 0
+
+
+@pytest.mark.parametrize("pressure", ["1.0e25", "1.0e39", "[5.0e8, 1.1e14]"])
+def test_a_load_beyond_any_modulus_is_refused(pressure, write_case):
+    """A pressure of more than 1000 Young's moduli, here 1e11 Pa, is refused: rounding
+    would hide the roughness, and gates would fall short.
+    """
+    largest = float(pressure.strip("[]").split(",")[-1])
+    edits = ((LOAD, f"mean_pressure = {pressure}"), ("hardness = 6.0e9", ""))
+    with pytest.raises(InvalidCase) as error:
+        load_case(write_case(*edits))
+    (sentence,) = error.value.args
+    assert sentence.partition(": ")[2] == (
+        f"mean_pressure is {largest:g} Pa, but must be at most 1000 times the "
+        "young_modulus of 1e+11 Pa; check the units of both"
+    )
+
+
+def test_a_load_of_a_thousand_moduli_is_judged_rightly(write_case):
+    """At the largest load that is accepted, 1000 Young's moduli, all gates on the
+    conditions of contact hold.
+    """
+    path = write_case((LOAD, "mean_pressure = 1.0e14"), ("hardness = 6.0e9", ""))
+    verdict = verify(path, jobs=1, output=path.parent)
+    checks = [gate for gate in verdict.cases[0].gates if "measured" in gate.quantity]
+    assert len(checks) > 4
+    assert all(gate.holds for gate in checks)

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from epcontact.errors import OutputError
+from epcontact.errors import InvalidCase, OutputError
 from epcontact.output.charts import curves, maps
 from epcontact.output.charts.plot import (
     Axis,
@@ -646,3 +646,12 @@ def test_an_empty_chart_is_refused():
     """`residual_history` raises ValueError if no residual is a number."""
     with pytest.raises(ValueError, match="nothing to draw"):
         curves.residual_history({"a": [math.nan]})
+
+
+@pytest.mark.parametrize("results", [{}, {"bem": []}])
+def test_no_pressures_to_draw_are_refused_in_a_sentence(results):
+    """A chart of pressures of no results ends in a sentence with the remedy."""
+    with pytest.raises(
+        InvalidCase, match="hold no pressure distribution; give results"
+    ):
+        curves.pressure_distribution(results)

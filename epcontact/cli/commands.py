@@ -15,7 +15,14 @@ from typing import Any
 
 import click
 
-from epcontact.cli.options import case_size, fields, folder, run_options, size
+from epcontact.cli.options import (
+    case_size,
+    fields,
+    folder,
+    require_address_space,
+    run_options,
+    size,
+)
 from epcontact.harness.case_files.text import SIZES
 from epcontact.machine import LINEAR_ALGEBRA, single_threads
 
@@ -98,6 +105,7 @@ def _runs(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run_command(**arguments: Any) -> None:
         """Import the module and call its function with the arguments."""
+        require_address_space()
         name = command.__name__
         # No command has matrices that need threads, and to start them takes as long as
         # numpy's import.  A number of threads that the user sets counts.

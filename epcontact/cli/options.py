@@ -13,7 +13,9 @@ from typing import Any
 
 import click
 
+from epcontact.errors import NotEnoughMemory
 from epcontact.harness.case_files.text import SIZES
+from epcontact.machine import address_space_limit
 
 size = click.option(
     "--size",
@@ -74,6 +76,24 @@ fields = click.option(
 )
 
 
+#: Address space in bytes without which no command begins.  The libraries and the
+#: compiler abort the process where they get no memory, without a message.  Small cases
+#: ran with 0.7 GB; the verification of several did not.
+_ADDRESS_SPACE = 2**30
+
+
+def require_address_space() -> None:
+    """Raise NotEnoughMemory if this process may have less than _ADDRESS_SPACE."""
+    limit = address_space_limit()
+    if limit < _ADDRESS_SPACE:
+        raise NotEnoughMemory(
+            f"this process may have {limit / 2**30:.2g} GiB of address space "
+            f"(ulimit -v), but epcontact needs {_ADDRESS_SPACE / 2**30:.2g} GiB for "
+            "its libraries and its compiler; raise the limit, or remove it by "
+            "ulimit -v unlimited"
+        )
+
+
 def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of a `Run`.
 
@@ -90,6 +110,7 @@ def run_options(*names: str) -> Callable[[Callable[..., None]], Callable[..., No
         @functools.wraps(command)
         def call(**arguments: Any) -> None:
             """Call the command with a `Run` of the options, and its other arguments."""
+            require_address_space()
             tasks = import_module("epcontact.harness.solving.tasks")
             settings = tasks.Run(**{name: arguments.pop(name) for name in names})
             command(settings=settings, **arguments)

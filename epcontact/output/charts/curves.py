@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from epcontact.errors import InvalidCase
 from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import unit_for
@@ -43,14 +44,18 @@ def pressure_distribution(
         bounds of the density.
 
     Raises:
-        StopIteration: if `results` is empty.
-        ValueError: if no result has a pressure distribution.
+        InvalidCase: if no result has a pressure distribution, or there is no result.
     """
     distributions: dict[str, list[PressureDistribution]] = {}
     for method, each in results.items():
         for result in each:
             if result.distribution is not None:
                 distributions.setdefault(method, []).append(result.distribution)
+    if not distributions:
+        raise InvalidCase(
+            f"results of {len(results)} methods hold no pressure distribution; give "
+            "results of a method that computes pressures, such as bem or persson"
+        )
     formulas: dict[str, pd.DataFrame] = {}
     if theory is not None:
         formulas = {str(name): t for name, t in theory.groupby("series", sort=False)}
