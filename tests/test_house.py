@@ -43,7 +43,7 @@ TOKENS = {
     "epcontact.files": 1_086,
     "epcontact.harness": 44_534,
     "epcontact.interface": 4_273,
-    "epcontact.machine": 1_488,
+    "epcontact.machine": 1_550,
     "epcontact.materials": 1_664,
     "epcontact.output": 17_133,
     "epcontact.peers": 5_291,
