@@ -14,7 +14,7 @@ from epcontact import interface
 from epcontact.bem.workers import Workers
 from epcontact.harness.gates import carried_pressure
 from epcontact.harness.quantities.registry import quantity
-from epcontact.harness.quantities.solved_scene import SolvedScene
+from epcontact.harness.quantities.solved_scene import SolvedScene, row_blocks
 from epcontact.reference import roughness
 from epcontact.results import APART, ELASTIC, PLASTIC
 
@@ -101,11 +101,13 @@ def measured_gap(solved: SolvedScene) -> float:
     displacement has left, on which every contact is elastic.
     """
     p, (gap, touching) = solved.pressure, solved.open_gap
-    wrong = [
-        np.abs(gap[touching]).max(initial=0.0),
-        -gap[p <= 0].min(initial=0.0),
-        gap[solved.at_the_cap & ~touching].max(initial=0.0),
-    ]
+    wrong = [0.0]
+    for rows in row_blocks(p):
+        of_block, elastic = gap[rows], touching[rows]
+        flowing = solved.at_the_cap[rows] & ~elastic
+        wrong.append(np.abs(of_block[elastic]).max(initial=0.0))
+        wrong.append(-of_block[p[rows] <= 0].min(initial=0.0))
+        wrong.append(of_block[flowing].max(initial=0.0))
     return float(np.max(wrong)) / solved.height_scale
 
 

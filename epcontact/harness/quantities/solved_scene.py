@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from epcontact.bem.workers import ranges
 from epcontact.errors import InvalidCase
 from epcontact.materials.moduli import effective_modulus
 from epcontact.reference.layers import compliance
@@ -19,7 +20,20 @@ from epcontact.scene import Scene
 # A pressure this close to the hardness counts as equal: scaling by p0 and back rounds.
 _AT_THE_CAP = 1e-12
 
+#: Points of a block of rows: half a megabyte of float64 numbers.
+_BLOCK_POINTS = 1 << 16
+
 Value = TypeVar("Value")
+
+
+def row_blocks(field: FloatArray) -> list[slice]:
+    """Return slices of the first index of a field, (nx, ny) or (nx,), block by block.
+
+    What is computed from a block stays in the cache of the processor.  New memory for
+    the complete field would take several times as long as the computation.
+    """
+    rows = max(1, _BLOCK_POINTS * len(field) // field.size)
+    return ranges(len(field), rows)
 
 
 @dataclass(frozen=True)
