@@ -23,7 +23,20 @@ the roughness has (r closer to 1).  Between two close bounds S depends on w alon
 is half a sine.  Area and load are conserved for any S, and sigma_0 -> sigma_P - sigma_0
 exchanges the plastic and the separated area.
 
-The form follows measurements of S on boundary elements (`laboratory.walls`): 1 - S
+Soft bodies.  Below a hardness of about a quarter of E* xi the elastic area is that of
+strips between contact at the hardness and gaps.  By Flamant's kernel the width of a
+strip falls as exp(-pi E* s/(2 sigma_P)) with the slope s of the gap, and with Gaussian
+slopes along the front
+
+    A_strip = C alpha^m e^(-n^2/2) F(h),
+    F(h) = int_0^inf s^3 e^(-s^2 - pi s/(2 h)) ds.
+
+h is sigma_P/(E* xi), alpha is Nayak's parameter and n is the normal quantile of
+p_0/sigma_P.  The elastic area of the diffusion equation is multiplied by (A_strip/
+A_el)^w with w = 1/[1 + (h/h_0)^8], its pressures by the same factor, and the plastic
+area carries the rest of the load.  C, m and h_0 are fitted.
+
+The form of S follows measurements of S on boundary elements (`laboratory.walls`): 1 - S
 falls with the distance from a bound as a Lorentz curve, and S P is a sine between two
 close bounds.  `laboratory.near_bounds` fits gamma, rho and c; kappa and the three
 powers were chosen beside such fits.
@@ -37,7 +50,7 @@ before a bound is felt.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -59,6 +72,12 @@ _CLOSE_EXPONENT = 1 / 2
 _WIDTH_EXPONENT = 12 / 5
 #: The absorbed areas are kept from 0 and 1, where their quantiles are infinite.
 _SMALLEST_ABSORBED = 1e-12
+#: C, m and h_0 of the strips of soft bodies, fitted by the same laboratory, and the
+#: exponent by which they take over.
+STRIPS = (13.3, -0.32, 0.233)
+_TAKE_OVER = 8
+#: Nodes of the integral F over the slopes.
+_SLOPE_NODES = 32
 #: Nodes to a factor e of the distance from a bound, and steps to a factor e of tau.
 #: Areas err by 3e-3 of a small elastic area of soft bodies and by 1e-4 elsewhere.
 RESOLUTION = (100, 16)
@@ -210,6 +229,82 @@ def relative_wavenumbers(roughness: Roughness) -> tuple[FloatArray, FloatArray]:
     wavenumber = np.minimum(added / roughness.first_moment[filled], edge)
     variance = np.cumsum(added)
     return variance, np.cumsum(wavenumber * added) / variance / edge
+
+
+def nayak_along(roughness: Roughness) -> FloatArray:
+    """Return Nayak's parameter m0 m4/m2^2 of the roughness up to each band, (n,).
+
+    Bands without slopes are left out.
+
+    Args:
+        roughness: The bands of the surface.
+    """
+    filled = roughness.slope_variance > 0
+    m2 = roughness.slope_variance[filled]
+    m0 = roughness.height_variance[filled]
+    m4 = m2**2 / m0
+    return np.asarray(np.cumsum(m0) * np.cumsum(m4) / np.cumsum(m2) ** 2)
+
+
+def strip_area(
+    relative_hardness: FloatArray,
+    nayak: FloatArray,
+    load_fraction: float,
+    strips: tuple[float, float, float] = STRIPS,
+) -> FloatArray:
+    """Return the elastic area of strips along the fronts of soft bodies, (n,).
+
+    It is a fraction of the nominal area.
+
+    Args:
+        relative_hardness: h, the hardness over E* xi, (n,).
+        nayak: Nayak's parameter, (n,).
+        load_fraction: p_0 over the hardness.
+        strips: C, m and h_0; the last is not used.
+    """
+    C, m, _ = strips
+    level = float(ndtri(load_fraction))
+    nodes, weights = np.polynomial.laguerre.laggauss(_SLOPE_NODES)
+    decay = math.pi / (2 * relative_hardness)
+    # With x = (decay + 2) s the exponent is bounded.
+    slope = nodes / (decay[:, None] + 2)
+    integral = slope**3 * np.exp(2 * slope - slope**2) @ weights / (decay + 2)
+    return np.asarray(C * nayak**m * math.exp(-(level**2) / 2) * integral)
+
+
+def with_strips(
+    state: StressState,
+    nayak: FloatArray,
+    mean_pressure: float,
+    hardness: float,
+    strips: tuple[float, float, float] = STRIPS,
+) -> StressState:
+    """Return a stress whose elastic area is that of strips where the body is soft.
+
+    The factor of the elastic area multiplies its pressures.  The plastic area carries
+    the rest of the load, and the exchange of plastic and separated area stays exact.
+
+    Args:
+        state: The stress by the diffusion equation, of a body with a hardness.
+        nayak: Nayak's parameter at each diffusion of the state, (n,).
+        mean_pressure: p_0 in Pa.
+        hardness: sigma_P in Pa.
+        strips: C, m and h_0, see this module.
+    """
+    relative_hardness = hardness / np.sqrt(8 * state.diffusion)  # over E* xi
+    of_strips = strip_area(relative_hardness, nayak, mean_pressure / hardness, strips)
+    weight = 1 / (1 + (relative_hardness / strips[2]) ** _TAKE_OVER)
+    factor = (of_strips / state.elastic) ** weight
+    elastic = factor * state.elastic
+    elastic_load = factor * (mean_pressure - hardness * state.plastic)
+    plastic = (mean_pressure - elastic_load) / hardness
+    return replace(
+        state,
+        elastic=elastic,
+        plastic=plastic,
+        separated=1 - elastic - plastic,
+        density=factor[-1] * state.density,
+    )
 
 
 def integrate(

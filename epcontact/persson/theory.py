@@ -25,7 +25,9 @@ from epcontact.persson.near_bounds import (
     RESOLUTION,
     StressState,
     integrate,
+    nayak_along,
     relative_wavenumbers,
+    with_strips,
 )
 from epcontact.persson.reduction import (
     EnergyReduction,
@@ -324,12 +326,17 @@ class Theory:
         variance, breadth = relative_wavenumbers(self.roughness)
         tau = full_contact_diffusion(self.effective_modulus, variance)
         last = int(np.searchsorted(tau, end)) + 1
-        _, reach, strip = CONSTANTS
-        return integrate(
+        _, reach, close = CONSTANTS
+        state = integrate(
             np.minimum(tau, end)[:last],
             breadth[:last],
             mean_pressure,
             self.hardness,
-            constants=(self.reduction.gamma, reach, strip),
+            constants=(self.reduction.gamma, reach, close),
             resolution=resolution,
         )
+        if math.isinf(self.hardness):
+            return state
+        at = np.log(state.diffusion)
+        nayak = np.interp(at, np.log(tau), nayak_along(self.roughness))
+        return with_strips(state, nayak, mean_pressure, self.hardness)

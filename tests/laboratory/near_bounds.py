@@ -27,19 +27,20 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import quad
 from scipy.optimize import least_squares
-from scipy.special import ndtri
 
 from epcontact import bem, persson
 from epcontact.persson.clipped_pressure import SAVED_ENERGY, displacements
 from epcontact.persson.near_bounds import (
     CONSTANTS,
     RESOLUTION,
+    STRIPS,
+    StressState,
     integrate,
+    nayak_along,
     relative_wavenumbers,
+    with_strips,
 )
-from epcontact.persson.validity import nayak
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies.paper_scene import GAMMA, LOWEST, MODULUS
 from epcontact.surfaces import SelfAffine
@@ -129,22 +130,28 @@ def measured(kept):
     return mean.reset_index()
 
 
-def areas_of_rule(table, constants, resolution):
+def areas_of_rule(table, constants, resolution, strips=STRIPS):
     """Return the areas by the theory with the rule "near_bounds", (rows, 3).
 
-    The columns are in the order of AIMS.  `constants` are gamma, rho and c;
-    loads and hardnesses of the table are over E* times rms slope.
+    The columns are in the order of AIMS.  `constants` are gamma, rho and c, and
+    `strips` are C, m and h_0 of the strips of soft bodies, or None for the diffusion
+    equation alone; loads and hardnesses of the table are over E* times rms slope.
     """
     paths = {}
     for spectrum in set(table[SPECTRUM[1:]].itertuples(index=False, name=None)):
-        variance, breadth = relative_wavenumbers(
-            persson.analytic_roughness(spectrum_of(*spectrum))
-        )
-        paths[spectrum] = variance / 8, breadth
+        roughness = persson.analytic_roughness(spectrum_of(*spectrum))
+        variance, breadth = relative_wavenumbers(roughness)
+        paths[spectrum] = variance / 8, breadth, nayak_along(roughness)
     found = []
     for row in table.itertuples():
-        path = paths[row.hurst, row.bandwidth, row.roll_off]
-        end = integrate(*path, row.p0, row.hardness, tuple(constants), resolution).areas
+        tau, breadth, nayak = paths[row.hurst, row.bandwidth, row.roll_off]
+        state = integrate(
+            tau, breadth, row.p0, row.hardness, tuple(constants), resolution
+        )
+        if strips is not None and math.isfinite(row.hardness):
+            along = np.interp(np.log(state.diffusion), np.log(tau), nayak)
+            state = with_strips(state, along, row.p0, row.hardness, strips)
+        end = state.areas
         found.append((end.total, end.elastic, end.plastic))
     return np.array(found)
 
@@ -178,7 +185,7 @@ def fit(table, start=CONSTANTS):
         """Return ln(area of the rule / measured area) over its allowed error, (n,), for
         the constants gamma, rho and c.
         """
-        found = areas_of_rule(table, constants, (50, 8))
+        found = areas_of_rule(table, constants, (50, 8), strips=None)
         return np.log(found[used] / area[used]) / scale[used]
 
     bounds = ([0.01, 0.1, 0.01], [1.0, 20.0, 5.0])
@@ -239,46 +246,69 @@ def report_all(name, table, paper):
         report(f"constant, {GAMMA}", paper, table, limit)
 
 
-def soft_limit():
-    """Print how well a closed formula holds the elastic area of soft bodies on the map.
+#: Up to this hardness over E* xi the strips of soft bodies are fitted.
+STRIPS_UP_TO = 0.6
 
-    A front between contact at the hardness H and a gap of slope s has an elastic strip
-    (Flamant's kernel) whose width falls as exp(-pi E* s/(2 H)).  With Gaussian slopes
-    at the front of the separated area, whose normal quantile is n,
 
-        A_el = C alpha^m exp(-n^2/2) F(H/(E* xi)),
-        F(h) = int s^3 exp(-s^2 - pi s/(2 h)) ds,
+def fit_strips(table):
+    """Return C, m and h_0 of the strips of soft bodies that fit the elastic areas of a
+    table, and print their errors with and without strips by hardness and roll-off.
 
-    with Nayak's parameter alpha.  The curvatures of the front give m = -1/2; m is also
-    fitted.
+    Places whose own error is at most twice that of the places that judge the aims
+    count.
     """
-    table, _ = over_the_map()
-    elastic = [*AIMS].index("elastic")
-    counted = (table["hardness"] < 1.01 * SOFT) & (table["elastic"] > LEAST)
-    table = table[counted & (own_errors(table)[:, elastic] < 2 * LARGEST_OWN_ERROR)]
-    alpha = []
-    integrals = []
-    for row in table.itertuples():
-        spectrum = spectrum_of(row.hurst, row.bandwidth, row.roll_off)
-        alpha.append(nayak(persson.analytic_roughness(spectrum))[0])
-        decay = math.pi / (2 * row.hardness)
-        weight = functools.partial(_weighted_slope, decay=decay)
-        integrals.append(quad(weight, 0, 8)[0])
-    shape = np.exp(-(ndtri(table["load"]) ** 2) / 2) * np.array(integrals)
-    constant = np.log(table["elastic"] / shape)
-    of_alpha = np.log(alpha)
-    fitted, _ = np.polyfit(of_alpha, constant, 1)
-    for power in (-0.5, fitted):
-        rest = constant - power * of_alpha
+    i = [*AIMS].index("elastic")
+    own = own_errors(table)[:, i]
+    counted = (table["hardness"] < 1.01 * STRIPS_UP_TO) & usable(table)[:, i]
+    counted &= own < 2 * LARGEST_OWN_ERROR
+    table = table[counted]
+    own = own[counted]
+    without = areas_of_rule(table, CONSTANTS, RESOLUTION, None)
+    area = table["elastic"].to_numpy()
+
+    def errors(strips):
+        """Return ln(elastic area with strips / measured area), (n,)."""
+        return np.log(areas_with(without, table, strips) / area)
+
+    def misfit(strips):
+        """Return the errors over their allowed errors, (n,)."""
+        return errors(strips) / np.hypot(AIMS["elastic"], own)
+
+    found = least_squares(misfit, STRIPS, loss="soft_l1")
+    before = np.log(without[:, i] / area)
+    after = errors(STRIPS)
+    for place, rows in (
+        table.reset_index().groupby(["hardness", "roll_off"]).indices.items()
+    ):
+        rms = [100 * math.sqrt(np.mean(off[rows] ** 2)) for off in (before, after, own)]
         print(
-            f"A_el of {rest.size} soft places: C = {math.exp(rest.mean()):.1f}, "
-            f"m = {power:.2f}, rms {100 * rest.std():.0f} %"
+            f"A_el at hardness {place[0]:.2f}, roll-off {place[1]:g}, n {rows.size}: "
+            f"rms {rms[0]:.1f} % without strips, {rms[1]:.1f} % with, "
+            f"own {rms[2]:.1f} %"
         )
+    return found.x
 
 
-def _weighted_slope(slope, decay):
-    """Return the integrand of F at a slope over the rms slope, without dimension."""
-    return slope**3 * math.exp(-(slope**2) - decay * slope)
+def areas_with(without, table, strips):
+    """Return the elastic areas of a table's bodies with strips, (rows,).
+
+    `without` are the areas (rows, 3) by the diffusion equation alone, and `strips` are
+    C, m and h_0.
+    """
+    found = []
+    for row, (_, elastic, plastic) in zip(table.itertuples(), without, strict=True):
+        spectrum = spectrum_of(row.hurst, row.bandwidth, row.roll_off)
+        nayak = nayak_along(persson.analytic_roughness(spectrum))[-1:]
+        one = StressState(
+            diffusion=np.array([1 / 8]),
+            elastic=np.array([elastic]),
+            plastic=np.array([plastic]),
+            separated=np.array([1 - elastic - plastic]),
+            pressure=np.array([0.0, row.hardness]),
+            density=np.zeros(2),
+        )
+        found.append(with_strips(one, nayak, row.p0, row.hardness, strips).elastic[0])
+    return np.array(found)
 
 
 #: The smallest mean gap or plastic displacement over the rms height that counts, and
@@ -387,7 +417,9 @@ def main():
         paper = persson.areas(GAMMA / 8, rows["p0"], rows["hardness"])
         report_all(half, rows, np.column_stack([getattr(paper, p) for p in AIMS]))
     report_all("map", *over_the_map())
-    soft_limit()
+    halves = table[table["half"] == "fitted"]
+    soft = pd.concat([over_the_map()[0], halves], ignore_index=True)
+    print("C, m and h_0 of strips", fit_strips(soft).round(3), "used", STRIPS)
     saved_energy, error = fit_saved_energy(table[table["half"] == "fitted"])
     print(f"saved energy {saved_energy:.3f} +- {error:.3f}, used {SAVED_ENERGY}")
     report_gaps(table)
