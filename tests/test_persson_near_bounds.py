@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.stats import norm
 
 from epcontact import persson
 from epcontact.errors import InvalidScene
@@ -18,7 +20,14 @@ from epcontact.persson import (
     areas,
     near_bounds,
 )
-from epcontact.persson.near_bounds import CONSTANTS, integrate, relative_wavenumbers
+from epcontact.persson.near_bounds import (
+    CONSTANTS,
+    STRIPS,
+    integrate,
+    nayak_along,
+    relative_wavenumbers,
+    strip_area,
+)
 from epcontact.persson.separation import (
     elastic_energy,
     gap_distribution,
@@ -196,7 +205,8 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
     rule = {"energy_reduction": CONSTANTS[0], "reduction": "near_bounds"}
     result = persson.solve(scene, **rule)
-    exact = fractions(integrate(*PATH, 0.05, 0.6))
+    exact = fractions(body(0.6).stress_state(0.05))
+    assert_allclose(exact, fractions(integrate(*PATH, 0.05, 0.6)), rtol=1e-4)
     assert_allclose(result.final.areas["raw"].elastic, exact[0], rtol=1e-9)
     assert_allclose(result.final.areas["raw"].plastic, exact[1], rtol=1e-9)
     for step in result.steps:
@@ -211,6 +221,47 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     assert theory.pressure_curve(12.5e9, 1.0).cumulative[-1] == 1
     other = persson.solve(scene, energy_reduction=0.3, reduction="near_bounds")
     assert other.final.areas["raw"].total > result.final.areas["raw"].total
+
+
+@pytest.mark.parametrize("relative_hardness", [0.05, 0.3, 1.2])
+def test_the_area_of_strips_is_the_integral_over_the_slopes(relative_hardness):
+    """The area of strips agrees with adaptive quadrature of its definition.
+
+    `relative_hardness` is over E* xi; a tenth of the area is in contact.
+    """
+
+    def integrand(slope):
+        """Return the integrand of F at a slope over the rms slope."""
+        decay = math.pi / (2 * relative_hardness)
+        return slope**3 * math.exp(-(slope**2) - decay * slope)
+
+    C, m, _ = STRIPS
+    level = norm.ppf(0.1)
+    exact = C * 20.0**m * math.exp(-(level**2) / 2) * quad(integrand, 0, 9)[0]
+    found = strip_area(np.array([relative_hardness]), np.array([20.0]), 0.1)
+    assert_allclose(found, exact, rtol=1e-7)
+
+
+@pytest.mark.parametrize("load_fraction", [0.02, 0.4, 0.7])
+def test_a_soft_body_has_the_elastic_area_of_strips_and_a_hard_one_has_not(
+    load_fraction,
+):
+    """At a hardness of .08 E* xi the elastic area is that of strips, at 1.2 it is that
+    of the diffusion equation; the load is carried and the mirror image is exact.
+
+    `load_fraction` is p0 over the hardness.
+    """
+    soft = body(0.08).stress_state(0.08 * load_fraction)
+    nayak = nayak_along(ROUGH)[-1:]
+    exact = strip_area(np.array([0.08]), nayak, load_fraction)
+    assert_allclose(soft.elastic[-1], exact, rtol=1e-3)
+    load = soft.force + 0.08 * soft.plastic[-1]
+    assert load == pytest.approx(0.08 * load_fraction, rel=1e-10)
+    mirrored = body(0.08).stress_state(0.08 * (1 - load_fraction))
+    assert_allclose(fractions(mirrored), fractions(soft)[[0, 2, 1]], rtol=1e-8)
+    hard = body(1.2).stress_state(1.2 * load_fraction)
+    diffusion = integrate(*PATH, 1.2 * load_fraction, 1.2)
+    assert_allclose(fractions(hard), fractions(diffusion), rtol=1e-5)
 
 
 def test_what_the_rule_does_not_have_is_refused():
