@@ -48,7 +48,7 @@ TOKENS = {
     "epcontact.output": 17_133,
     "epcontact.peers": 5_291,
     "epcontact.notebook": 300,
-    "epcontact.persson": 15_578,
+    "epcontact.persson": 16_016,
     "epcontact.pictures": 4_409,
     "epcontact.planning": 5_093,
     "epcontact.reference": 7_272,
