@@ -7,13 +7,15 @@ from pathlib import Path
 
 import fem_check
 
-#: The scene, the form of results, facts of the machine and files: no mathematics.
+#: The scene, the form of results, facts of the machine, files and the progress bar of
+#: notebooks: no mathematics.
 ALLOWED = {
     "epcontact.scene",
     "epcontact.results",
     "epcontact.errors",
     "epcontact.machine",
     "epcontact.files",
+    "epcontact.notebook",
 }
 PACKAGE = Path(fem_check.__file__).parent
 SOURCES = sorted(PACKAGE.glob("**/*.py"))

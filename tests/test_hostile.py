@@ -167,7 +167,9 @@ def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code
     """
     monkeypatch.setattr(planning, "achieved_error", lambda *_: error)
     path = write_case(
-        ("seeds = [3, 5, 7]", "seeds = [3]"), ("fast = 4, full = 8", "fast = 4")
+        ("seeds = [3, 5, 7]", "seeds = [3]"),
+        ("fast = 4, full = 8", "fast = 4"),
+        ("wavenumber_high = 5.026548245743669e4", "wavenumber_high = 2.5e4"),
     )
     done = CliRunner().invoke(plan, [str(path), "--tolerance", "90%", "--check"])
     assert done.exit_code == code, done.output
@@ -175,6 +177,20 @@ def test_broken_promise_of_a_plan_is_exit_1(write_case, monkeypatch, error, code
 
 
 # --- foreign solvers ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def one_worker():
+    """Return a worker whose process serves many solvers, and ends after these tests."""
+    worker = Worker()
+    yield worker
+    worker.end()
+
+
+@pytest.fixture
+def in_one_worker(one_worker, monkeypatch):
+    """Call all solvers in one process, which starts again only after it died."""
+    monkeypatch.setattr(foreign, "_worker", lambda source: one_worker)
 
 
 @pytest.fixture
@@ -187,6 +203,7 @@ def scene():
     return Scene(Surface(heights, (1e-3,)), Material(2e11, 0.3), Load(1e9))
 
 
+@pytest.mark.usefixtures("in_one_worker")
 @pytest.mark.parametrize(
     ("solver", "sentence"),
     [
@@ -249,6 +266,7 @@ def test_the_failure_of_a_foreign_solver_is_told_as_what_it_was(
     assert f"solver {solver} " in str(refused.value)
 
 
+@pytest.mark.usefixtures("in_one_worker")
 def test_headlines_and_numbers_of_a_solver_are_those_of_its_pressures(scene):
     """Areas, distribution and quantities follow from the pressures of a solver,
     whatever else it reports.
@@ -299,6 +317,7 @@ def test_open_points_below_plastic_ones_are_no_solution():
         result_of_pressures(rough, {"pressure": pressure}, "springs")
 
 
+@pytest.mark.usefixtures("in_one_worker")
 @pytest.mark.parametrize("loads", ["5e8, 1e9, 5e8", "5e8, 0.0, 1e9, 1.1e9, 0.0"])
 def test_every_load_of_a_path_is_that_of_the_pressures_alone(
     write_case, tmp_path, loads
@@ -449,6 +468,7 @@ def test_a_verdict_holds_the_hints_on_a_solver(tmp_path, monkeypatch):
     assert "with E in the place of E*" in hints_of["wrong_solver"][-1]
 
 
+@pytest.mark.usefixtures("in_one_worker")
 def test_what_a_solver_does_to_its_scene_and_output_does_not_reach_ours(scene):
     """A solver that changes its scene or fills its standard output changes neither the
     caller's scene nor the result.
@@ -578,6 +598,7 @@ def test_a_command_gets_the_whole_scene_and_gives_each_field_its_place(
         np.testing.assert_array_equal(read.fields[name], heights + k)
 
 
+@pytest.mark.usefixtures("in_one_worker")
 def test_solver_in_c(scene, tmp_path):
     """The example in C, full_contact.c, solves a wave pressed flat to 1e-12, and
     reports a load at which it has not converged.
@@ -600,6 +621,7 @@ def test_solver_in_c(scene, tmp_path):
 # --- what is refused before anything is solved ----------------------------------------
 
 
+@pytest.mark.usefixtures("in_one_worker")
 @pytest.mark.parametrize(
     ("solver", "changes", "sentence"),
     [

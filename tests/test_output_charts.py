@@ -322,11 +322,16 @@ def test_a_curve_has_a_band_and_ticks_within_its_decade():
     """A curve has a band between its bounds, here 10 % about 1/x.
 
     A logarithmic axis of little more than a decade labels 1, 2 and 5 of each decade.
+    matplotlib has ticks beyond the ends of the axis, 3 and 60, too.
     """
     (axes,) = make_curves().figure.axes
     axes.figure.canvas.draw()
-    ticks = [tick.get_text() for tick in axes.get_xticklabels(which="both")]
-    assert [tick for tick in ticks if tick] == ["1", "2", "5", "10", "20", "50"]
+    lowest, highest = axes.get_xlim()
+    labels = []
+    for label in axes.get_xticklabels(which="both"):
+        if lowest <= label.get_position()[0] <= highest and label.get_text():
+            labels.append(label.get_text())
+    assert labels == ["5", "10", "20", "50"]
     assert [text.get_text().strip() for text in axes.texts] == ["first", "last"]
     (band,) = axes.findobj(mpl.collections.FillBetweenPolyCollection)
     x, y = band.get_paths()[0].vertices.T

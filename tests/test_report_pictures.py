@@ -1,5 +1,6 @@
 """The pictures of a report are drawn once, and again if anything they show changes."""
 
+import json
 import shutil
 
 import conftest
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from epcontact.harness.verdict import verify
+from epcontact.output.charts.figures import Pictures
 from epcontact.pictures import drawn
 from epcontact.pictures.drawn import draw_saved_cases, draw_solved_cases
 
@@ -21,25 +23,48 @@ def solved(tmp_path_factory):
     return folder, verdict
 
 
+@pytest.fixture(scope="module")
+def results(solved):
+    """Return the folder of the results of the case, with pictures drawn from files."""
+    folder = solved[0] / "small" / "fast"
+    files = [folder / "bem.json", folder / "persson.json"]
+    pictures = draw_saved_cases({"small": files}, no_progress)["small"]
+    assert {"contact-bem", "residuals"} < {*pictures.names}
+    assert not [*folder.glob("*.svg")]
+    return folder
+
+
 @pytest.fixture
-def files(solved, tmp_path):
+def files(results, tmp_path):
     """Return the JSON files of the methods of the case, in a copy of its folder."""
-    folder = shutil.copytree(solved[0] / "small" / "fast", tmp_path / "fast")
+    folder = shutil.copytree(results, tmp_path / "fast")
     return [folder / "bem.json", folder / "persson.json"]
 
 
 @pytest.fixture
-def draws(monkeypatch):
-    """Return a list to which each drawing of a case adds the case's id."""
+def draws(files, monkeypatch):
+    """Return a list to which each drawing of a case adds the case's id.
+
+    In the place of all charts, one is drawn from files, and a second one of a case.
+    """
+    folder = files[0].parent
     ids = []
-    draw = drawn._draw
 
-    def noting(drawing):
-        """Record the case of the drawing, and draw it."""
-        ids.append(drawing.case_id)
-        return draw(drawing)
+    def picture_of_files(case_id, _):
+        """Record the drawing, and return the name of the picture."""
+        ids.append(case_id)
+        (folder / "residuals.txt").write_text("A caption.")
+        return Pictures(["residuals"])
 
-    monkeypatch.setattr(drawn, "_draw", noting)
+    def pictures_of_case(case, *_):
+        """Record the drawing, and return the names of both pictures."""
+        picture_of_files(case.id, None)
+        shutil.copy(folder / "residuals.png", folder / "power-spectrum.png")
+        (folder / "power-spectrum.txt").write_text("A caption.")
+        return Pictures(["residuals", "power-spectrum"])
+
+    monkeypatch.setattr(drawn, "draw_saved", picture_of_files)
+    monkeypatch.setattr(drawn, "draw_case", pictures_of_case)
     return ids
 
 
@@ -49,12 +74,11 @@ def no_progress(done, total, words):
 
 def test_pictures_are_drawn_once(files, draws):
     """A second report draws nothing, and lists the same pictures."""
-    first = draw_saved_cases({"small": files}, no_progress)
-    second = draw_saved_cases({"small": files}, no_progress)
-    assert draws == ["small"]
-    assert {"contact-bem", "residuals"} < {*first["small"].names}
-    assert [*second["small"].names] == [*first["small"].names]
-    assert not [*files[0].parent.glob("*.svg")]
+    pictures = draw_saved_cases({"small": files}, no_progress)["small"]
+    assert draws == []
+    listed = json.loads((files[0].parent / "pictures.json").read_text())["names"]
+    assert pictures.names == listed
+    assert {"contact-bem", "residuals"} < {*listed}
 
 
 @pytest.mark.parametrize(
@@ -65,23 +89,21 @@ def test_pictures_are_drawn_again_if_a_file_changes(files, draws, name):
 
     `name` is the file that changes; files of pictures are deleted.
     """
-    draw_saved_cases({"small": files}, no_progress)
     file = files[0].parent / name
     if file.suffix in (".webp", ".txt"):
         file.unlink()
     else:
         file.write_bytes(file.read_bytes() + b"\n")
     draw_saved_cases({"small": files}, no_progress)
-    assert draws == ["small", "small"]
+    assert draws == ["small"]
     assert (files[0].parent / "residuals.webp").is_file()
 
 
 def test_changed_code_draws_again(files, draws, monkeypatch):
     """Pictures that other code drew are drawn again."""
-    draw_saved_cases({"small": files}, no_progress)
     monkeypatch.setattr(drawn, "_code_digest", lambda: b"other")
     draw_saved_cases({"small": files}, no_progress)
-    assert draws == ["small", "small"]
+    assert draws == ["small"]
 
 
 def test_charts_of_the_case_are_added_to_those_of_results(solved, files, draws):
@@ -91,36 +113,31 @@ def test_charts_of_the_case_are_added_to_those_of_results(solved, files, draws):
     """
     (judged,) = solved[1].cases
     cases = {"small": (judged.case, judged.results)}
-    shutil.copytree(files[0].parent, files[0].parents[1] / "small" / "fast")
     of_case = {"small": files}
-    draw_saved_cases(of_case, no_progress)
     pictures = draw_solved_cases(of_case, no_progress, cases)
-    assert draws == ["small", "small"]
+    assert draws == ["small"]
     assert "power-spectrum" in pictures["small"].names
     again = draw_saved_cases(of_case, no_progress)
-    assert draws == ["small", "small"]
+    assert draws == ["small"]
     assert "power-spectrum" in again["small"].names
 
 
 def test_a_record_cannot_name_a_file_outside(files, draws):
     """A record whose names are paths is not used."""
-    draw_saved_cases({"small": files}, no_progress)
     record = files[0].parent / "pictures.json"
     record.write_text(record.read_text().replace('"residuals"', '"../residuals"'))
     pictures = draw_saved_cases({"small": files}, no_progress)
-    assert draws == ["small", "small"]
+    assert draws == ["small"]
     assert "residuals" in pictures["small"].names
 
 
-def test_the_picture_of_a_page_is_small_and_has_the_colours_of_the_chart(files):
+def test_the_picture_of_a_page_is_small_and_has_the_colours_of_the_chart(results):
     """The copy for a page has half of the pixels along each side and few colours, and
     differs little from the picture.
     """
-    draw_saved_cases({"small": files}, no_progress)
-    folder = files[0].parent
     for name in ("residuals", "contact-bem"):
-        chart = Image.open(folder / f"{name}.png").convert("RGB")
-        small = Image.open(folder / f"{name}.webp").convert("RGB")
+        chart = Image.open(results / f"{name}.png").convert("RGB")
+        small = Image.open(results / f"{name}.webp").convert("RGB")
         assert small.size == tuple(pixels // 2 for pixels in chart.size)
         assert len(small.getcolors()) <= 20
         difference = np.asarray(small, float) - np.asarray(chart.reduce(2), float)
@@ -130,16 +147,18 @@ def test_the_picture_of_a_page_is_small_and_has_the_colours_of_the_chart(files):
 
 
 def test_many_cases_are_drawn_in_processes(files, monkeypatch):
-    """Two processes draw six cases, and a bad result is an error of one sentence."""
+    """Two processes draw six cases of the theory, which has no fields, and a bad result
+    is an error of one sentence.
+    """
     monkeypatch.setattr(drawn, "available_cores", lambda: 2)
     folder = files[0].parent
+    (folder / "pictures.json").unlink()
     copies = [shutil.copytree(folder, folder.parent / str(n)) for n in range(6)]
-    by_case = {copy.name: [copy / "bem.json"] for copy in copies}
+    by_case = {copy.name: [copy / "persson.json"] for copy in copies}
     seen = []
     pictures = draw_saved_cases(by_case, lambda *update: seen.append(update))
     assert {*pictures} == {*by_case}
     assert [done for done, _, _ in seen] == [*range(7)]
-    for copy in copies:
-        (copy / "bem.json").write_text("{}")
+    files[0].write_text("{}")
     with pytest.raises(drawn.OutputError, match="holds no results of this version"):
-        draw_saved_cases(by_case, no_progress)
+        draw_saved_cases({"small": files}, no_progress)

@@ -15,7 +15,7 @@ import pytest
 from drawn_texts import texts_with_boxes
 
 from epcontact import bem, persson
-from epcontact.errors import StudyUnavailable
+from epcontact.errors import EpcontactError, StudyUnavailable
 from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.output.charts.style import typeset
@@ -79,7 +79,6 @@ SMALL: dict[str, dict[str, Any]] = {
         "hardnesses": (0.16,),
     },
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
-    "time": {"sides": (64,)},
     "treatment": {"points": (24,), "seeds": (2,), "tiles": 2}
     | {"kinds": ("rolled off", "turned")},
     "validity": {"points": (6, 8)},
@@ -107,7 +106,7 @@ def of_kind(table, kind, column="relative_error"):
 # --- every study ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
+@pytest.mark.parametrize("name", sorted(SMALL))
 def test_a_chart_names_its_study_and_options_and_its_bounds_hold_its_values(name):
     """Each caption names the study and its options, and every value is between its
     bounds.
@@ -621,8 +620,37 @@ def test_installed_peers_find_the_same_areas(law):
 # --- time to answer -------------------------------------------------------------------
 
 
+def test_every_study_is_run():
+    """The options of every study stand in SMALL; `peers` needs other packages, and
+    `time` runs commands, which the slow test below does.
+    """
+    assert STUDIES.keys() - {"peers", "time"} == SMALL.keys()
+
+
+@pytest.mark.slow
+def test_the_start_of_a_command_takes_longer_than_the_solve_of_a_small_grid():
+    """Commands are run and timed; the start of Python outlasts a solve on 64 x 64."""
+    (chart,) = STUDIES["time"].run(sides=(64,))
+    table = pd.read_csv(io.StringIO(chart.csv())).set_index("series")
+    seconds = table["processor_time"]
+    assert seconds["total"] == pytest.approx(seconds.drop("total").sum())
+    assert seconds["start"] > seconds["solving"]
+
+
+def test_the_processor_time_is_that_of_the_command(tmp_path):
+    """A command that computes for 0.2 s takes at least as long, and the error of one
+    that fails is raised.
+    """
+    program = "import time\nwhile time.process_time() < 0.2: pass"
+    assert 0.2 <= time_to_answer._processor_seconds(tmp_path, "-c", program) < 2
+    with pytest.raises(EpcontactError, match="no such module"):
+        time_to_answer._processor_seconds(tmp_path, "-c", "exit('no such module')")
+
+
 def test_the_time_of_a_command_is_split_by_differences_of_runs(monkeypatch, tmp_path):
-    """Start and solving are timed alone; the other parts are differences of runs."""
+    """Start and solving are timed alone; the other parts are differences of runs, and
+    the chart has them and their sum over the time of a bare FFT pair, here 0.5 s.
+    """
     seconds = {
         "time.toml --jobs 1": 3.0,
         "time.toml --jobs 1 --fresh --fields none": 5.0,
@@ -638,16 +666,19 @@ def test_the_time_of_a_command_is_split_by_differences_of_runs(monkeypatch, tmp_
 
     monkeypatch.setattr(time_to_answer, "_processor_seconds", processor_seconds)
     monkeypatch.setattr(time_to_answer, "timed", lambda _: (None, (9.0, 1.5)))
-    assert time_to_answer.parts_of_time(tmp_path, 16) == {
+    monkeypatch.setattr(time_to_answer, "pair_times", lambda *_, **__: (9.0, 0.5))
+    parts = {
         "start": 1.0,
         "solving": 1.5,
         "measuring": 2.5,
         "writing": 0.5,
         "drawing": 1.25,
     }
-    table = drawn("time", 1).set_index("series")["processor_time"]
-    assert table["total"] == pytest.approx(table.drop("total").sum())
-    assert table["start"] > table["solving"]
+    assert time_to_answer.parts_of_time(tmp_path, 16) == parts
+    (chart,) = STUDIES["time"].run(sides=(16,))
+    drawn_times = pd.read_csv(io.StringIO(chart.csv())).set_index("series")
+    expected = {part: 2 * seconds for part, seconds in parts.items()} | {"total": 13.5}
+    assert drawn_times["processor_time"].to_dict() == pytest.approx(expected)
     scene = load_case(find_named(tmp_path / "time.toml")[0], "fast")
     exact = scenes.rough_scene(4, 7, 4)
     built = scene.scene(scene.recipes[0])

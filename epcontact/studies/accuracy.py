@@ -431,7 +431,7 @@ def ledger(rows: pd.DataFrame) -> pd.DataFrame:
             row[f"{name}_min"] = group[name].min()
             row[f"{name}_max"] = group[name].max()
         for name in ("time", "fft_pairs"):
-            row[name] = group[name].median()
+            row[name] = group[name].dropna().median()
         found.append(row)
     return pd.DataFrame(found)
 
