@@ -260,13 +260,21 @@ class Surface:
         """The text that identifies the heights in a digest.
 
         It is the recipe.  Without a recipe it is the SHA-256 of the bytes of the
-        heights and, if some heights were filled, of the mask of these.
+        heights and of what else changes results, if it is given: the mask of filled
+        heights, the spectrum that the theory takes, the errors of a treatment, and
+        whether the heights are samples.
         """
         if self.recipe:
             return self.recipe
         digest = hashlib.sha256(self.heights.data)
         if self.filled is not None:
             digest.update(self.filled.data)
+        if self.spectrum is not None:
+            digest.update(repr(self.spectrum).encode())
+        if self.treatment_errors:
+            digest.update(repr(sorted(self.treatment_errors.items())).encode())
+        if not self.sampled:
+            digest.update(b"not sampled")
         return digest.hexdigest()
 
 

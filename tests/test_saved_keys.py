@@ -5,6 +5,7 @@ key of the case file, a later run would take the result of another scene for its
 """
 
 import json
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,14 @@ from epcontact.harness.case_files.case import load_case
 from epcontact.harness.case_files.mistakes import key_table
 from epcontact.harness.solving import saved
 from epcontact.harness.solving.tasks import Run, tasks_of
+from epcontact.scene import (
+    Body,
+    Load,
+    Material,
+    Scene,
+    SelfAffineSpectrum,
+    Surface,
+)
 
 #: Tables of a case file that say what is judged, and not what is solved.
 NOT_SOLVED = ("case", "gate", "sweep", "variant")
@@ -300,3 +309,58 @@ def test_a_counterface_and_a_content_of_a_map_change_the_key(folder):
     np.save(folder / "map.npy", heights)
     found.append(keys_of(folder, tables)["bem"])
     assert len(set(found)) == 5
+
+
+#: For each field of a scene's parts another value than in SCENE.
+OTHER_FIELDS = {
+    "Material.young_modulus": 2.1e11,
+    "Material.poisson_ratio": 0.31,
+    "Material.hardness": 6.1e9,
+    "Material.yield_stress": 2.1e9,
+    "Material.hardening_modulus": 1.1e9,
+    "Material.hardening_curve": ((0.0, 2e9), (0.1, 3e9)),
+    "Body.kind": "sliding_layer",
+    "Body.depth": 2.1e-3,
+    "Load.mean_pressure": (1e8, 2e8, 3e8),
+    "Surface.heights": np.linspace(0.0, 1e-6, 32).reshape(4, 8),
+    "Surface.periods": (1e-3, 2.1e-3),
+    "Surface.spectrum": SelfAffineSpectrum(0.8, 6e3, 7e3, 8e3, 0.1),
+    "Surface.recipe": "another one",
+    "Surface.treatment_errors": {"total_area": 0.1},
+    "Surface.filled": np.arange(32).reshape(4, 8) == 3,
+    "Surface.sampled": False,
+}
+#: Fields that change no number of a result, or follow from others, for each its reason.
+FIELDS_WITHOUT_EFFECT = {
+    "Surface.seed": "a label: the heights have its phases",
+    "Surface.shortest_wavelength": "a label: a result only describes it",
+    "Surface.notes": "sentences",
+    "Surface.alternatives": "only maps have them, whose recipes name their files",
+}
+
+
+def fields_of_a_scene():
+    """Return each field of the parts of a scene, such as "Body.depth"."""
+    parts = (Material, Body, Load, Surface)
+    return [f"{part.__name__}.{field.name}" for part in parts for field in fields(part)]
+
+
+@pytest.mark.parametrize("name", fields_of_a_scene())
+def test_every_field_of_a_scene_is_in_its_digest(name):
+    """Another value of a field changes the digest of the scene, but for the fields that
+    change no number.  A field without an entry fails: each new one is decided here.
+    """
+    scene = Scene(
+        Surface(np.linspace(0.0, 2e-6, 32).reshape(4, 8), (1e-3, 2e-3)),
+        Material(2e11, 0.3, hardness=6e9, yield_stress=2e9, hardening_modulus=1e9),
+        Load((1e8, 2e8)),
+        Body("bonded_layer", 2e-3),
+    )
+    if name in FIELDS_WITHOUT_EFFECT:
+        return
+    part, _, field = name.partition(".")
+    values = {field: OTHER_FIELDS[name]}
+    if field == "hardening_curve":
+        values["hardening_modulus"] = 0.0
+    changed = replace(getattr(scene, part.lower()), **values)
+    assert replace(scene, **{part.lower(): changed}).digest != scene.digest
