@@ -131,7 +131,7 @@ def test_a_chart_names_its_study_and_options_and_its_bounds_hold_its_values(name
     assert len(set(questions)) == len(questions)
 
 
-@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
+@pytest.mark.parametrize("name", sorted(SMALL))
 def test_a_chart_of_a_study_has_its_question_as_title_and_no_text_is_cut(
     name, monkeypatch
 ):
