@@ -54,7 +54,7 @@ TOKENS = {
     "epcontact.reference": 7_272,
     "epcontact.results": 2_180,
     "epcontact.scene": 4_392,
-    "epcontact.studies": 23_137,
+    "epcontact.studies": 24_807,
     "epcontact.surfaces": 20_823,
     "fem_check": 29_299,
     "lines of saved screens": 629,

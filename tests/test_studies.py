@@ -21,13 +21,14 @@ from epcontact.harness.workers import Worker, WorkerDied
 from epcontact.output.charts.style import typeset
 from epcontact.persson.validity import GAMMA, expected_errors
 from epcontact.reference import conductance as laws
-from epcontact.scene import SelfAffineSpectrum
+from epcontact.scene import Body, Load, SelfAffineSpectrum
 from epcontact.studies import (
     STUDIES,
     areas,
     cost,
     fem,
     gap,
+    metal,
     peers,
     save_charts,
     theory,
@@ -35,6 +36,7 @@ from epcontact.studies import (
 )
 from epcontact.studies import paper_scene as scenes
 from epcontact.studies.frame import mean_with_interval, root_mean_square, tabulate
+from epcontact.studies.hardness import model_scene
 
 #: The options of each study that runs in seconds.
 SMALL: dict[str, dict[str, Any]] = {
@@ -69,6 +71,12 @@ SMALL: dict[str, dict[str, Any]] = {
     },
     "hardness": {"surfaces": 2, "nodes": 12, "severities": (5.0, 15.0), "nus": (0.3,)},
     "hardness-map": {},
+    "metal": {
+        "severities": (5.0,),
+        "seeds": (101, 102),
+        "nodes_per_wavelength": 6,
+        "waves": 4,
+    },
     "magnification": {"points": 4, "bandwidth": 16, "count": 5, "seeds": range(3)},
     "pressures": {"bandwidth": 16, "points": (4, 8, 16), "seeds": range(3)},
     "residual": {
@@ -204,6 +212,39 @@ def test_errors_of_finite_elements_fall():
     assert deepest < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
     few_steps, many_steps = of_kind(drawn("fem", 4), "mean gap")
     assert many_steps < few_steps < 0.05
+
+
+def test_the_errors_of_a_capped_metal_are_those_of_single_solves():
+    """Errors of the theory at 3 sigma_Y equal those from single solves of one body.
+
+    The body of the study is unloaded after each load; here it is loaded once.
+    """
+    severity, seed, load = 5.0, 101, 0.25
+    scene = model_scene(severity, 0.3, seed, 24, 4)
+    stress = scene.material.yield_stress
+    rows = pd.DataFrame(metal.compare(scene))
+    rows = rows[(rows["load"] == load) & (rows["model"] == "theory, 3 sigma_Y")]
+    errors = rows.set_index("quantity")["error"]
+    body = replace(scene, load=Load(load * stress), body=Body())
+    j2 = scenes.solve_j2(body, tolerance=1e-4)
+    theory = scenes.solve_theory(body)
+    area, plastic = (scenes.area_of(j2, part) for part in ("total", "plastic"))
+    by_theory = {part: scenes.area_of(theory, part) for part in ("total", "plastic")}
+    at_hardness = (j2.fields["pressure"] >= 3 * stress).mean()
+    gaps = [result.final.quantities["mean_gap"] for result in (theory, j2)]
+    expected = {
+        "area": by_theory["total"] / area - 1,
+        "flowed": (by_theory["plastic"] - plastic) / area,
+        "pressed": (by_theory["plastic"] - at_hardness) / area,
+        "gap": gaps[0] / gaps[1] - 1,
+    }
+    for quantity, error in expected.items():
+        assert errors[quantity] == pytest.approx(error, abs=3e-3)
+    table = drawn("metal", 1)
+    heavy = table[(table["quantity"] == "area") & (table["load"] > 0.1)]
+    mean = heavy.groupby("model")["error"].mean()
+    assert abs(mean["boundary elements, hardness of the map"]) < 0.08
+    assert mean["theory, 3 sigma_Y"] < mean["theory, hardness of the map"] < 0
 
 
 def test_charts_are_saved_under_the_study_s_name(tmp_path):

@@ -14,6 +14,7 @@ from epcontact.studies import (  # noqa: F401
     fem,
     gap,
     hardness,
+    metal,
     peers,
     theory,
     time_to_answer,

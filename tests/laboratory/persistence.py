@@ -17,11 +17,11 @@ from epcontact.crosscheck.model_difference import (
     elements_compliance,
 )
 from epcontact.errors import InvalidScene
-from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Body, Load
 from epcontact.studies.frame import Study, tabulate
-from epcontact.studies.hardness import SLOPE, model_scene
+from epcontact.studies.hardness import model_scene
+from epcontact.studies.metal import mapped_hardness
 from epcontact.studies.paper_scene import GAMMA, TABOR, area_of, solve_j2
 from laboratory import charts
 
@@ -32,19 +32,10 @@ THEORY = "theory, cap at 3 sigma_Y"
 
 def cap_of_map(scene):
     """Return the cap of the map in Pa; infinite outside the map."""
-    material = scene.material
     try:
-        cap = effective_hardness(
-            yield_stress=material.yield_stress,
-            young_modulus=material.young_modulus,
-            poisson_ratio=material.poisson_ratio,
-            rms_slope=SLOPE,
-            mean_pressure=scene.load.final,
-            breadth=4,
-        )
+        return mapped_hardness(scene)
     except InvalidScene:
         return math.inf
-    return cap.value
 
 
 def raw_areas(severity, seed, nodes):
