@@ -66,6 +66,8 @@ HEADERS = {
     "a stylus": '"Scan Length",2.5,"mm"\n\nLateral(mm),Total Profile(µm)\n',
     "words": "# Profile 1\n# mm um\n",
     "the number of points": "X mm,Z um\n200\n",
+    "axes": "X-axis: mm\nZ-axis: µm\n",
+    "directions": "Horizontal unit: mm\nVertical unit: µm\n",
 }
 
 
@@ -232,6 +234,8 @@ STATED = {
     "# Value units: nm\n",
     "gwyddion in German": "# Kanal: Höhe\n# Breite: 6,000 µm\n# Höhe: 4,000 µm\n"
     "# Einheiten: nm\n",
+    "translated": "# Breite: 6,000 µm\n# Höhe: 4,000 µm\n# Werteinheiten: nm\n",
+    "nanoscope": '"\\*File list"\n"\\Scan Size: 6 x 4 um"\n"\\Z units: nm"\n',
     "spip": "# File Format = ASCII\n# x-pixels = 30\n# y-pixels = 20\n"
     "# x-length = 6000\n# y-length = 4000\n# z-unit = [nm]\n",
     "wsxm": "WSxM file\nX Amplitude: 6 µm\nY Amplitude: 4 µm\nZ Amplitude: 7 nm\n",
@@ -293,6 +297,35 @@ def test_values_that_are_no_heights_are_refused(tmp_path, line):
     path = written(tmp_path / "a.txt", f"{line}\n{table(MAP.T)}")
     with refused('its header states ".*", which is no unit of heights; export the'):
         HeightsFromFile(path, unit=1e-9, pixel_size=1e-6)
+
+
+@pytest.mark.parametrize("line", ["NODATA_value  -9999", "# No data value: -9999.0"])
+def test_the_mark_of_missing_points_is_read(tmp_path, line):
+    """Heights that the header names as missing are, and a note says so."""
+    marked = MAP.T.copy()
+    marked[3, 5:8] = -9999
+    path = written(tmp_path / "a.txt", f"ncols 30\n{line}\n{table(marked)}")
+    options = {"unit": 1e-9, "pixel_size": 1e-6}
+    with refused("3 of 600 heights are NaN"):
+        HeightsFromFile(path, **options).build()
+    recipe = HeightsFromFile(path, missing="nearest", **options)
+    surface = recipe.build()
+    assert np.count_nonzero(surface.filled) == 4 * 3
+    assert "-9999 marks points without a height" in str(surface.notes)
+
+
+def test_a_last_line_of_words_is_named(tmp_path):
+    """Words below a table are refused with their line, whatever separates numbers."""
+    path = written(tmp_path / "a.csv", table([X, Z], ";") + "END OF FILE\n")
+    with refused("line 201 holds 'END OF FILE'"):
+        HeightsFromFile(path, (2.5e-3,), 1e-6)
+
+
+def test_an_archive_of_arrays_is_to_be_unpacked(tmp_path):
+    """A .npz file is refused with the names of its arrays."""
+    np.savez(tmp_path / "a.npz", heights=MAP)
+    with refused(r"give the path of the map inside \(heights.npy\)"):
+        HeightsFromFile(tmp_path / "a.npz", (6e-6, 4e-6), 1e-9)
 
 
 def test_one_size_is_that_of_a_square_map(tmp_path):

@@ -118,6 +118,8 @@ def _opened(path: Path, library: Any) -> tuple[Any, str]:
     of_ending = []
     by_content = []
     for reader in library.readers:
+        if reader.format() == "asc" and b"\0" in first_bytes:
+            continue  # the reader of text cannot read a binary file
         if suffix in (reader.file_extensions() or ()):
             of_ending.append(reader)
         elif _recognises(reader, first_bytes):
@@ -192,7 +194,9 @@ def _channel(
     if len(names) > _LISTED:
         listed += f" and {len(names) - _LISTED} others"
     if not channels:
-        raise InvalidScene(f"{path}: holds no channel with a map of heights")
+        raise InvalidScene(
+            f"{path}: holds no channel with a map of heights; {_remedy(path)}"
+        )
     if wanted is None:
         default = reader.default_channel
         candidates = [info for info in (default, *channels) if info.is_height_channel]

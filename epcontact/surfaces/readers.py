@@ -24,7 +24,7 @@ from epcontact.surfaces.text_tables import read_table
 from epcontact.surfaces.x3p import read_x3p
 
 #: Endings of compressed files, which are not read.
-ARCHIVES = {".gz", ".zip", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz", ".zst"}
+ARCHIVES = {".gz", ".zip", ".bz2", ".xz", ".7z", ".rar", ".tar", ".tgz", ".zst", ".npz"}
 #: Endings of tables of numbers in text.
 _TABLES = (".txt", ".text", ".dat", ".csv", ".tsv", ".tab", ".prn", ".xyz")
 #: Most members of an archive that a message lists.

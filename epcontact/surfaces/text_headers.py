@@ -35,6 +35,11 @@ _NO_LENGTHS = r"(?:[mµunpk]?v|[mµunp]a|a|deg|°|rad|k?hz|[mµunp]?n|%|counts?)
 #: What may stand between a word and its value.
 _GAP = r"[\s:=：;,]+"
 
+#: Words for the number that marks points without a height.
+_NO_DATA = (
+    r"(?:no[-_ ]?data|missing|invalid|bad|void)[-_ ]?(?:value|data|pixel|point)s?"
+)
+
 #: Words for the length of a map along x and y, and for the spacing of its points.
 _X_LENGTH = (
     r"(?:x[-_ ]?(?:length|size|range|amplitude|extent|dimension|scan[-_ ]?size)"
@@ -60,13 +65,14 @@ _STEP = r"(?:increment|step|spacing|pitch|pixel[-_ ]?size|calibration|interval|s
 _X_PIXEL = rf"(?:x[-_ ]?{_STEP}|scale[-_ ]?x|d[-_ ]?x|delta[-_ ]?x)"
 _Y_PIXEL = rf"(?:y[-_ ]?{_STEP}|scale[-_ ]?y|d[-_ ]?y|delta[-_ ]?y)"
 _UNIT_OF_HEIGHTS = (
-    r"(?:(?:value|values|z|height|heights|data)[-_ ]?units?"
-    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:values?|z|heights?|data)|einheiten?"
-    r"|unités|unità valore|unidades de valor)"
+    r"(?:(?:value|values|z|height|heights|vertical|data)[-_ ]?units?"
+    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:values?|z|heights?|data)"
+    r"|(?:werte?|höhen)?[-_ ]?einheiten?(?: der (?:werte|höhen))?"
+    r"|z[-_ ]?ax(?:is|e)|unités(?: de valeur)?|unità valore|unidades de valor)"
 )
 _UNIT_OF_LENGTHS = (
     r"(?:(?:x|xy|x[-_ ]?y|lateral|length|horizontal)[-_ ]?units?"
-    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:x|xy|lengths?))"
+    r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:x|xy|lengths?)|x[-_ ]?ax(?:is|e))"
 )
 #: A word for heights, other words, and their unit: "heights, in micrometres".
 _HEIGHTS_IN = (
@@ -94,6 +100,7 @@ class StatedScale:
     x_pixel: StatedLength | None = None  #: Distance of its points along x.
     y_pixel: StatedLength | None = None  #: Distance of its points along y.
     no_length: str = ""  #: The line that states a unit which is no length, if any.
+    length_unit: float | None = None  #: Unit of x in m, stated in a line of its own.
     #: Units of the columns of a list of points in m, None for a column without one.
     columns: tuple[float | None, ...] = ()
 
@@ -118,7 +125,7 @@ def read_scale(header: list[str]) -> StatedScale:
     Args:
         header: the lines above the table of numbers, with their marks of comments.
     """
-    lines = [(_plain(line).strip(' #%;,"\t\r\n'), line) for line in header]
+    lines = [(_plain(line).strip(' #%;,"*!\\\t\r\n'), line) for line in header]
     unit, unit_source = _find_unit(lines, rf"^{_UNIT_OF_HEIGHTS}\b")
     columns = _column_units([plain for plain, _ in lines])
     if unit is None:
@@ -162,8 +169,24 @@ def read_scale(header: list[str]) -> StatedScale:
         x_pixel[0] if x_pixel else None,
         y_pixel[-1] if y_pixel else None,
         no_length,
+        length_unit,
         columns,
     )
+
+
+def missing_mark(header: list[str]) -> float | None:
+    """Return the number that a header names as that of points without a height.
+
+    None if it names none.  A line such as "NODATA_value -9999" or "No data value: 0".
+
+    Args:
+        header: the lines above the table of numbers.
+    """
+    for line in header:
+        match = re.search(rf"^\W*{_NO_DATA}{_GAP}(?P<mark>{_NUMBER})\W*$", _plain(line))
+        if match:
+            return float(match["mark"].replace(",", "."))
+    return None
 
 
 def _plain(line: str) -> str:
@@ -174,7 +197,7 @@ def _plain(line: str) -> str:
 
 def _shown(line: str) -> str:
     """Return a line of a header as a message shows it."""
-    return " ".join(line.replace('"', "").strip(" #%;,\t\r\n").split())[:60]
+    return " ".join(line.replace('"', "").strip(" #%;,*!\\\t\r\n").split())[:60]
 
 
 def _find_unit(lines: list[tuple[str, str]], words: str) -> tuple[float | None, str]:

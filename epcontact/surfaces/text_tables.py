@@ -33,10 +33,17 @@ from epcontact.surfaces.profiles import (
     profile_columns,
     profile_map,
 )
-from epcontact.surfaces.text_headers import StatedLength, StatedScale, read_scale
+from epcontact.surfaces.text_headers import (
+    StatedLength,
+    StatedScale,
+    missing_mark,
+    read_scale,
+)
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
+#: How a line that begins with a number begins.
+_NUMBER_FIRST = r"[+-]?[.,]?\d"
 #: Most characters of a wrong cell that a message shows.
 _SHOWN = 40
 #: Most columns of a table that may hold several profiles, and how many times as many
@@ -62,7 +69,8 @@ def read_table(path: Path) -> HeightMap:
     lines = _numbered_lines(text)
     if not lines or "\0" in text:
         raise InvalidScene(f"{path}: is no table of numbers")
-    rows_of_text = list(lines.values())
+    rows_of_text = [line for line in lines.values() if re.match(_NUMBER_FIRST, line)]
+    rows_of_text = rows_of_text or list(lines.values())
     separator, decimal = _number_format(rows_of_text[-1])
     if separator == "," and _has_decimal_commas(rows_of_text[-_SEARCHED:]):
         raise InvalidScene(
@@ -75,7 +83,8 @@ def read_table(path: Path) -> HeightMap:
         raise InvalidScene(f"{path}: is no table of numbers: {error}") from None
     skipped = len(lines) - len(table)
     first_row = list(lines)[skipped]
-    scale = read_scale(text.splitlines()[: first_row - 1])
+    header = text.splitlines()[: first_row - 1]
+    scale = read_scale(header)
     while table.shape[1] > 1 and separator and np.isnan(table[:, -1]).all():
         table = table[:, :-1]  # each line ends with separators
     notes: list[str] = []
@@ -85,6 +94,10 @@ def read_table(path: Path) -> HeightMap:
         notes.append("the commas of the file were read as decimal commas")
     if encoding != "utf-8":
         notes.append(f"the file is no UTF-8 and was read as {encoding}")
+    mark = missing_mark(header)
+    if mark is not None and (table == mark).any():
+        table[table == mark] = math.nan
+        notes.append(f"{mark:g} marks points without a height, as the header states")
     stored = _map_of_table(table, scale, path)
     return replace(stored, notes=(*notes, *stored.notes))
 
@@ -162,7 +175,7 @@ def _with_column_units(
         columns: what the columns are, for the note.
         scale: what the header states.
     """
-    length_unit = None
+    length_unit = scale.length_unit
     unit = scale.unit
     source = scale.unit_source
     if scale.columns:
@@ -315,7 +328,7 @@ def _rows(
             message = f"line {number} holds {error}"
             if width:
                 raise ValueError(message) from None
-            if re.match(r"[+-]?[.,]?\d", line):
+            if re.match(_NUMBER_FIRST, line):
                 raise ValueError(
                     f"{message}; begin the lines of a header with #, and separate "
                     "numbers by ; , tabs or spaces"
