@@ -10,6 +10,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -89,71 +90,94 @@ def _processor_seconds(folder: Path, *arguments: str) -> float:
     return user + after.children_system - before.children_system
 
 
-def parts_of_time(folder: Path, points_a_side: int) -> dict[str, float]:
-    """Return the processor seconds of `epcontact run --charts`, by part of the work.
+def parts_of_commands(folder: Path, points_a_side: int) -> dict[str, dict[str, float]]:
+    """Return the processor seconds of commands, by command and part of the work.
+
+    The parts are the start (the imports of `run`, as those of the other commands differ
+    little), solving, measuring (all else that is computed and printed), writing fields,
+    and drawing.  All but the start and solving are differences of runs, and at least 0.
 
     Args:
         folder: An empty folder for the case and its results.
         points_a_side: Grid points along each side, a multiple of 4.
 
     Returns:
-        The seconds of the start (imports), solving, measuring (all else that `run`
-        computes and prints without fields), writing fields, and drawing charts.
-        Measuring, writing and drawing are differences of runs, and at least 0.
+        The seconds of the parts of "plan" (its pilots count as solving), "verify",
+        "run", "run --charts" and "report".
     """
     highest = LOWEST * points_a_side / _POINTS
     (folder / "time.toml").write_text(_CASE.format(highest=highest), encoding="utf-8")
 
+    def command(*words: str) -> float:
+        """Return the seconds of a command of epcontact."""
+        return _processor_seconds(folder, "-m", "epcontact", *words)
+
     def run(*options: str) -> float:
         """Return the seconds of `epcontact run` with options."""
-        command = ("-m", "epcontact", "run", "time.toml", "--jobs", "1")
-        return _processor_seconds(folder, *command, *options)
+        return command("run", "time.toml", "--jobs", "1", *options)
 
     run()  # compiles the kernels, which the next runs find
     without_fields = run("--fresh", "--fields", "none")
     with_fields = run("--fresh")
     reused = run()
     with_charts = run("--charts")
+    verify = command("verify", "time.toml", "--jobs", "1", "--fresh")
+    report = command("report", "results")
+    plan = command("plan", "time.toml", "--tolerance", "5%")
     start = _processor_seconds(folder, "-c", "import epcontact.cli.run_and_verify")
     scene = rough_scene(_POINTS, _SEED, points_a_side // _POINTS)
     bem.solve(scene)
     _, (_, solving) = timed(lambda: bem.solve(scene))
-    return {
-        "start": start,
-        "solving": solving,
+
+    solved = {"start": start, "solving": solving}
+    parts_of_run = solved | {
         "measuring": max(0.0, without_fields - start - solving),
         "writing": max(0.0, with_fields - without_fields),
-        "drawing": max(0.0, with_charts - reused),
+    }
+    drawing = max(0.0, with_charts - reused)
+    return {
+        "plan": {"start": start, "solving": max(0.0, plan - start)},
+        "verify": solved | {"measuring": max(0.0, verify - start - solving)},
+        "run": parts_of_run,
+        "run --charts": parts_of_run | {"drawing": drawing},
+        "report": {"start": start, "drawing": max(0.0, report - start)},
     }
 
 
 @study("time", sides=(256, 512, 1024, 2048))
 def time_to_answer(say: Say, sides: Ints = (256, 512)) -> Charts:
-    """Processor time of `run --charts` on the paper's scene, by part of the work.
+    """Processor time of commands on the paper's scene, and of each part of their work.
 
     Times are over that of a bare FFT pair of the grid.  The start is that of Python and
     all imports, and measuring is all that is neither solved, written nor drawn.
     """
 
     def row(points_a_side: int) -> Rows:
-        """Return a row for each part of the time on a grid, and for their sum."""
+        """Return a row for each command and part of its time on a grid."""
         with TemporaryDirectory() as folder:
-            parts = parts_of_time(Path(folder), points_a_side)
+            commands = parts_of_commands(Path(folder), points_a_side)
         _, pair = pair_times((points_a_side, points_a_side), threads=1)
-        parts["total"] = sum(parts.values())
         return [
-            {"part": part, "processor_time": seconds / pair, "seconds": seconds}
+            {
+                "command": command,
+                "part": part,
+                "processor_time": seconds / pair,
+                "seconds": seconds,
+            }
+            for command, parts in commands.items()
             for part, seconds in parts.items()
         ]
 
-    yield (
-        Plot(
-            Axis("points_a_side", "grid points a side (–)"),
-            Axis("processor_time", "processor time in that of a bare FFT pair (–)"),
-            ("part",),
-            log="xy",
-            ticks=sides,
-        ),
-        tabulate(say, row, points_a_side=sides),
-        "Which part of a command takes the time?",
+    table = tabulate(say, row, points_a_side=sides)
+    by_command = ["points_a_side", "command"]
+    totals = table.groupby(by_command, sort=False).sum(numeric_only=True).reset_index()
+    plot = Plot(
+        Axis("points_a_side", "grid points a side (–)"),
+        Axis("processor_time", "processor time in that of a bare FFT pair (–)"),
+        ("command",),
+        log="xy",
+        ticks=sides,
     )
+    yield plot, totals, "How long does a command take?"
+    parts = replace(plot, series=("command", "part"), colour="part", mark="command")
+    yield parts, table, "Which part of a command takes the time?"
