@@ -118,7 +118,8 @@ def test_commands_then_the_code_that_reads_their_results(home):
     files that they write.
     """
     for text in blocks("bash")[2:]:
-        run(["bash", "-ec", text], home)
+        if "epcontact new" not in text:  # `home` ran it
+            run(["bash", "-ec", text], home)
     assert (home / "contact.png").stat().st_size > 10_000
     (reader,) = [text for text in blocks("python") if "pyvista" in text]
     assert "pressure" in run([sys.executable, "-c", reader], home)
