@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epcontact import bem
+from epcontact import alternatives, bem
 from epcontact.errors import InvalidCase
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.planning import (
     achieved_error,
     auto_case,
+    expected_map_errors,
     finer_case,
     grids,
     pilots,
@@ -23,6 +24,7 @@ from epcontact.planning import (
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS
 from epcontact.results import Areas
+from epcontact.scene import Load
 from epcontact.surfaces import HeightsFromArray, Sinusoid
 
 
@@ -178,6 +180,38 @@ def test_a_plan_refines_where_edges_hold_the_fronts():
     assert not stuck.meets
     assert "is not met" in stuck.reasons[-1]
     assert finer_case(punch, stuck) is None
+
+
+@pytest.mark.parametrize("step", [0, -1])
+def test_the_errors_by_the_measurement_of_a_map_are_those_of_its_run(monkeypatch, step):
+    """A plan expects the parts of the error of the area that a solve of the map
+    reports, also on every second point, and counts the solves that they take.
+    """
+    case = load_case("rough-capped")
+    generated = case.recipes[0]
+    surface = generated.build()
+    heights = surface.heights[:48, :40].copy()
+    heights[heights > np.quantile(heights, 0.99)] = np.nan
+    periods = (48 * surface.spacing[0], 40 * surface.spacing[1])
+    recipe = HeightsFromArray(heights, periods, "mirrored", missing="nearest")
+    loads = Load((0.05 * case.material.hardness, 0.2 * case.material.hardness))
+    case = case.changed(recipes=(recipe,), load=loads)
+    for most, solves in ((2**18, 4), (96 * 80 // 4, 5)):
+        monkeypatch.setattr(alternatives, "LARGEST_GRID", most)
+        errors = expected_map_errors(case, recipe, step, threads=1)
+        solved_step = bem.solve(case.scene(recipe)).steps[step]
+        area = solved_step.best_areas.total
+        reported = solved_step.error_parts("total_area")
+        assert errors.solves == solves
+        assert math.prod(errors.shape) <= most
+        assert errors.work >= 5 * solves * math.prod(errors.shape)
+        assert errors.parts.keys() == {"treatment", "form", "missing"}
+        assert errors.parts["treatment"] == pytest.approx(reported["treatment"] / area)
+        for source in ("form", "missing"):
+            expected = pytest.approx(reported[source] / area, 0.05, abs=1e-4)
+            assert errors.parts[source] == expected
+        assert min(errors.parts.values()) > 1e-3
+    assert expected_map_errors(case, generated, step).parts == {}
 
 
 def test_a_finer_grid_finds_out_a_claim_that_is_too_small():

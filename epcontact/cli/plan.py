@@ -47,7 +47,14 @@ def plan(
         f"  work {chosen.work:.3g} (grid points times transforms); the case as it is "
         f"takes {chosen.given_work:.3g}"
     )
-    print_text(f"  expected: {_expected(loaded, chosen)}")
+    map_errors = _map_errors(loaded, chosen)
+    if map_errors is not None and map_errors.solves:
+        points = " x ".join(map(str, map_errors.shape))
+        print_text(
+            f"  the errors by form and missing heights take {map_errors.work:.3g} more "
+            f"for each load: {map_errors.solves} solves on {points} points"
+        )
+    print_text(f"  expected: {_expected(loaded, chosen, map_errors)}")
     if not chosen.meets:
         raise InvalidCase(f"{chosen.case}: no model within reach meets {tolerance}")
     if check:
@@ -66,21 +73,37 @@ def _model(chosen: planning.Plan) -> str:
     return f"{chosen.method}, {grid} points, {surfaces}"
 
 
-def _expected(case: Case, chosen: planning.Plan) -> str:
+def _map_errors(case: Case, chosen: planning.Plan) -> planning.MapErrors | None:
+    """Return the errors by the measurement of a map; None if the surface is no map, or
+    if the plan chooses the theory.
+    """
+    if not chosen.on_grid or not chosen.notes:  # every map has notes
+        return None
+    return planning.expected_map_errors(case, chosen.recipes[0], chosen.step)
+
+
+def _expected(
+    case: Case, chosen: planning.Plan, map_errors: planning.MapErrors | None
+) -> str:
     """Return the expected error of the area with all its parts, as `run` reports it.
 
     The plan bounds the parts by the model and by the scatter of surfaces.  The
-    treatment of a map's edges and a hardness that was looked up for a J2 body come on
-    top: no grid makes them smaller.  Each part is half the width of a 95 % interval,
-    relative to the area.
+    errors by the measurement of a map and a hardness that was looked up for a J2 body
+    come on top: no grid makes them smaller.  Each part is half the width of a 95 %
+    interval, relative to the area.
     """
     model = "grid" if chosen.on_grid else "theory"
     parts = {model: chosen.grid_error * factor_to_95(model)}
     if len(chosen.recipes) > 1 or chosen.scatter:
         parts["scatter of surfaces"] = chosen.scatter
-    if chosen.on_grid and any("treatment of the edges" in n for n in chosen.notes):
-        errors = chosen.recipes[0].build().treatment_errors
-        parts["edges of the map"] = errors["total_area"] * factor_to_95("treatment")
+    if map_errors is not None:
+        names = {
+            "treatment": "edges of the map",
+            "form": "its removed form",
+            "missing": "its missing heights",
+        }
+        for source, error in map_errors.parts.items():
+            parts[names[source]] = error
     if case.mapped_hardness:
         # Where all of the contact flows, the area is the load over the hardness.
         parts["hardness at most"] = case.mapped_hardness.error

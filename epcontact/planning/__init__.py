@@ -5,6 +5,7 @@ and `achieved_error` judges its answer by that to `finer_case`.  `auto_case` and
 `load_auto` make a case as cheap as its gates allow.
 """
 
+from epcontact.planning.map_errors import MapErrors, expected_map_errors
 from epcontact.planning.plan import (
     Plan,
     achieved_error,
@@ -16,9 +17,11 @@ from epcontact.planning.plan import (
 )
 
 __all__ = [
+    "MapErrors",
     "Plan",
     "achieved_error",
     "auto_case",
+    "expected_map_errors",
     "finer_case",
     "load_auto",
     "plan",
