@@ -84,9 +84,10 @@ _SOFT = 0.3
 #: A gap whose relative error may leave this interval is not resolved, because a closed
 #: gap is rounding noise.
 _GAP_ENDS = (-0.95, 1.0)
-#: Additional standard deviation of y of the gap for spectra with a larger Nayak
-#: parameter, which scatter more, mostly at light loads.  Chosen on scenes of 64 to 256
-#: waves with seeds 2000 to 2399 (light), 4000 to 6249 and 5000 to 5299.
+#: Additional standard deviation of y of the gap by the rule "constant" for spectra with
+#: a larger Nayak parameter, which scatter more, mostly at light loads.  Chosen on
+#: scenes of 64 to 256 waves with seeds 2000 to 2399 (light), 4000 to 6249 and 5000 to
+#: 5299.
 _BROAD = 16.0
 _GAP_OF_BROAD = 0.02
 #: Surfaces with up to this factor fewer waves of the slope than the map's were compared
@@ -251,7 +252,7 @@ def _interpolate(
     hardness = place.get(_HARDNESS, math.inf)
     if _HARDNESS in place and np.exp(axes[0][-2]) < hardness:
         variance[:2] += _VANISHING_PLASTIC**2
-    if alpha > _BROAD:
+    if alpha > _BROAD and rule == "constant":
         variance[_GAP] += _GAP_OF_BROAD**2
     if hardness < 0.99 * _SOFT and alpha > 1.01 * map_reach()[_SOFT_GAP][1]:
         variance[_GAP] = math.nan
@@ -395,10 +396,11 @@ def _fits(
     ones = np.ones(chosen.sum())
     X = np.column_stack([ones, np.log(rows["nayak"]), np.log(rows["waves"])])
     for k, (y, error, of_grid) in enumerate(_transformed_errors(rows, rule)):
-        # The scatter of an area over a few surfaces is itself uncertain by factors, to
-        # both sides.  A gap scatters more where it nearly closes, and the mean over the
-        # spectra counts that.
-        typical = np.median if k < len(_AREAS) else np.mean
+        # The scatter over a few surfaces is itself uncertain by factors, to both sides.
+        # The gap of the rule "constant" scatters more where it nearly closes, and the
+        # mean over the spectra counts that.
+        is_area = k < len(_AREAS)
+        typical = np.median if is_area or rule == "near_bounds" else np.mean
         for place in np.ndindex(*size[:-1]):
             here = np.all(indices == place, axis=1)
             if np.isnan(y[here]).any():

@@ -13,6 +13,7 @@ from epcontact import persson
 from epcontact.output.charts.figures import logarithmic, new_figure, styled
 from epcontact.output.charts.style import DIFFERENCE_MAP, typeset
 from epcontact.persson import validity
+from epcontact.persson.near_bounds import CONSTANTS
 from epcontact.results import FloatArray
 from epcontact.scene import SelfAffineSpectrum
 from epcontact.studies.frame import Charts, Ints, Say, study
@@ -42,6 +43,10 @@ _TITLES = {
 }
 
 
+#: Those whose error the map has for the rule "near_bounds".
+_OF_NEAR_BOUNDS = ["total", "elastic", "plastic", "mean_gap"]
+
+
 @study("validity", points=(64, 64))
 def where_the_theory_holds(
     say: Say,
@@ -56,24 +61,29 @@ def where_the_theory_holds(
     Almqvist and Persson.  Distances are Wasserstein's over the hardness, slopes means
     over a fifth of hardness or E* xi.
     """
-    del say
     spectrum = SelfAffineSpectrum(hurst, LOWEST, roll_off * LOWEST, wide * LOWEST, 1.0)
     rough = persson.analytic_roughness(spectrum)
-    reduction = persson.EnergyReduction(GAMMA)
-    rows = []
-    for hardness, loads in _places(*points):
-        body = persson.Theory(rough, MODULUS, reduction, hardness * MODULUS)
-        for load in loads:
-            errors = validity.expected_errors(body, load * MODULUS)
-            for name in _TITLES:
-                low, middle, high = errors.get(name, (math.nan, math.nan, math.nan))
-                rows.append((name, hardness, middle, low, high, load))
-    names = list(_TITLES)
-    rows.sort(key=lambda row: names.index(row[0]))
-    columns = ["series", _Y, "relative_error", "low", "high", _X]
     alpha, _ = validity.nayak(rough)
-    caption = f"Where does the theory hold? Nayak's parameter is {alpha:.3g}."
-    yield _draw, pd.DataFrame(rows, columns=columns), caption
+    of_paper = persson.EnergyReduction(GAMMA)
+    near_bounds = persson.EnergyReduction(CONSTANTS[0], "near_bounds")
+    places = list(_places(*points))
+    for reduction, names in ((of_paper, list(_TITLES)), (near_bounds, _OF_NEAR_BOUNDS)):
+        say(f"rule {reduction.rule}")
+        rows = []
+        for hardness, loads in places:
+            body = persson.Theory(rough, MODULUS, reduction, hardness * MODULUS)
+            for load in loads:
+                errors = validity.expected_errors(body, load * MODULUS)
+                for name in names:
+                    low, middle, high = errors.get(name, (math.nan, math.nan, math.nan))
+                    rows.append((name, hardness, middle, low, high, load))
+        rows.sort(key=lambda row: list(_TITLES).index(row[0]))
+        columns = ["series", _Y, "relative_error", "low", "high", _X]
+        caption = (
+            f"Where does the theory hold with the rule {reduction.rule}? Nayak's "
+            f"parameter is {alpha:.3g}."
+        )
+        yield _draw, pd.DataFrame(rows, columns=columns), caption
 
 
 def _places(hardnesses: int, loads: int) -> Iterator[tuple[float, FloatArray]]:
@@ -111,7 +121,8 @@ def _draw(table: pd.DataFrame) -> Any:
     with styled():
         figure, _ = new_figure(7.6, 5.6)
         figure.clear()
-        panels = figure.subplots(2, 3, sharex=True, sharey=True)
+        columns = math.ceil(table["series"].nunique() / 2)
+        panels = figure.subplots(2, columns, sharex=True, sharey=True)
         groups = table.groupby("series", sort=False)
         for axes, (name, rows) in zip(panels.flat, groups, strict=True):
             _draw_panel(axes, rows, look)

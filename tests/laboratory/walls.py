@@ -28,7 +28,8 @@ import pandas as pd
 from epcontact import bem, persson
 from epcontact.harness.gates import estimate
 from epcontact.output.charts.plot import Axis, Plot
-from epcontact.scene import Load, Material, Scene
+from epcontact.persson import near_bounds
+from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum
 from epcontact.studies import paper_scene as paper
 from epcontact.studies.frame import Study
 from epcontact.surfaces import filtered
@@ -235,12 +236,46 @@ def walls(say, bandwidths=(16,), seeds=range(1, 9), points=8):
 
     y = Axis("reduction", "reduction S without drift (–)")
     ranges = {"ylim": (0, 1.2), "xlim": (0, 1.5)}
-    plot = Plot(_X, y, ("body",), level=paper.GAMMA, limits=ranges)
+    plot = Plot(
+        _X, y, ("body", "source"), level=paper.GAMMA, limits=ranges, colour="body"
+    )
     caption = (
         "Which reduction S gives the distribution? It rises away from the walls; "
-        "dotted: gamma = 0.536."
+        "marks: measured, curves: the rule near_bounds, dotted: gamma = 0.536."
     )
-    yield plot, table[table["w"] == max(FRACTIONS)], caption
+    measured = table[table["w"] == max(FRACTIONS)]
+    keys = ["hardness", "p0", "bandwidth", _X.column]
+    measured = measured.groupby(keys, as_index=False)["reduction"].mean()
+    measured = measured.assign(source="measured", style="marks")
+    places = [place for place in PLACES if place[0] == SHOWN_LOAD]
+    rules = [rule_reduction(max(bandwidths), place) for place in places]
+    yield plot, select(pd.concat([measured, *rules])), caption
+
+
+def rule_reduction(bandwidth, place):
+    """Return a table of the reduction S by the rule "near_bounds" against the pressure.
+
+    The surface is that of `steps` without its shortest waves; S is taken at the areas
+    that the rule's own diffusion equation gives.
+
+    Args:
+        bandwidth: longest over shortest wavelength.
+        place: mean pressure and hardness, both over E* times the rms slope.
+    """
+    p0, hardness = place
+    shortest = (1 - 1 / PARTS) * bandwidth * paper.LOWEST
+    spectrum = SelfAffineSpectrum(0.8, paper.LOWEST, 4 * paper.LOWEST, shortest, 1.0)
+    roughness = persson.analytic_roughness(spectrum)
+    variance, breadth = near_bounds.relative_wavenumbers(roughness)
+    end = near_bounds.integrate(variance / 8, breadth, p0, hardness).areas
+    edges = bin_edges(hardness)
+    pressure = np.linspace(0.02, 0.98, 99) * edges[-1]
+    reduction = near_bounds.energy_reduction_at(
+        pressure, hardness, 0.5, breadth[-1], end.plastic, end.separated
+    )
+    columns = {"p0": p0, "hardness": hardness, "bandwidth": bandwidth}
+    table = pd.DataFrame({_X.column: pressure, "reduction": reduction})
+    return table.assign(**columns, source="rule", style="curve")
 
 
 STUDY = Study("walls", walls, {"bandwidths": (16, 32, 64), "seeds": range(1, 17)})
