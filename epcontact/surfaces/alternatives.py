@@ -6,7 +6,8 @@ alternative heights shows what that means for each value: see `epcontact.alterna
 
 Planes: the true surface continues beyond the map.  One alternative has the plane with
 which opposite edges of the map meet, and another one has this plane with the other sign
-along y.
+along y.  If curvatures were removed, too, four alternatives have their likely size with
+all signs along both axes.
 
 Missing heights: a smooth filling continues heights and slopes of the points around a
 hole (it minimizes the sum of the squared Laplacians), so that it rises above the rim
@@ -19,6 +20,7 @@ difference is added to the smooth filling, and subtracted from it.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,6 +31,13 @@ from epcontact.results import FloatArray
 from epcontact.scene import Alternative
 
 Mask = NDArray[np.bool_]
+#: Signs of the alternative planes along each axis, and of the alternative curvatures.
+_Signs = tuple[tuple[int, ...], tuple[int, ...]]
+#: How many times as large the term of order 2 of a mean profile is as those of orders 3
+#: and 4 (Legendre's polynomials), on self-affine roughness of Hurst exponent H = .65:
+#: the term of order k is proportional to sqrt(2 k + 1) k^-(H + 1).
+_TO_CUBIC = 1.65
+_TO_QUARTIC = 2.34
 #: Shifts over which holes are laid over other parts of a map, in sides of the map.
 _SHIFTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -44,8 +53,8 @@ def form_alternatives(
     Args:
         heights: (nx, ny) or (nx,), in m, levelled and without NaN.
         order: the total order of the polynomial that was removed, 0, 1 or 2.
-        mirrored: True if the map is mirrored at its edges; the second alternative is
-            only for such a map.
+        mirrored: True if the map is mirrored at its edges; alternatives with another
+            plane are only for such a map.
 
     Returns:
         Alternatives with the source "form", whose changes are on the map and not on
@@ -53,28 +62,58 @@ def form_alternatives(
     """
     if order == 0 or np.ptp(heights) == 0:
         return []
-    changes = []
+    planes = []
+    curvatures = []
     for axis, size in enumerate(heights.shape):
         steps = np.take(heights, -1, axis) - np.take(heights, 0, axis)
         x = np.linspace(-0.5, 0.5, size)
-        change = -float(steps.mean()) * x
-        if order == 2:
-            change += _curvature(heights, axis) * (x * x - np.mean(x * x))
         shape = [1] * heights.ndim
         shape[axis] = size
-        changes.append(change.reshape(shape))
-    alternatives = [Alternative("form", ..., tuple(changes))]
-    if mirrored and heights.ndim == 2:
-        opposite = (changes[0], -changes[1])
-        alternatives.append(Alternative("form", ..., opposite))
+        planes.append(-float(steps.mean()) * x.reshape(shape))
+        bow = 0.0
+        if order == 2:
+            bow = _curvature(heights, axis)
+        curvatures.append(bow * (x * x - np.mean(x * x)).reshape(shape))
+    alternatives = []
+    for of_planes, of_curvatures in _signs(order, mirrored, heights.ndim):
+        changes = [
+            of_plane * plane + of_curvature * curvature
+            for plane, of_plane, curvature, of_curvature in zip(
+                planes, of_planes, curvatures, of_curvatures, strict=True
+            )
+        ]
+        alternatives.append(Alternative("form", ..., tuple(changes)))
     return alternatives
+
+
+def _signs(order: int, mirrored: bool, dimensions: int) -> list[_Signs]:
+    """Return the signs of the alternative planes and curvatures along each axis.
+
+    Args:
+        order: the total order of the polynomial that was removed, 1 or 2.
+        mirrored: True if the map is mirrored; its plane may then have the other sign
+            along y, too.
+        dimensions: 2 for a map, 1 for a line.
+
+    Returns:
+        For each alternative the signs of its planes and those of its curvatures.
+    """
+    if dimensions == 1:
+        of_line: list[_Signs] = [((1,), (1,)), ((1,), (-1,))]
+        return of_line[:order]
+    opposite = (1, -1) if mirrored else (1, 1)
+    signs: list[_Signs] = [((1, 1), (1, 1))]
+    if mirrored or order == 2:
+        signs.append((opposite, (-1, -1)))
+    if order == 2:
+        signs += [((1, 1), (1, -1)), (opposite, (-1, 1))]
+    return signs
 
 
 def _curvature(heights: FloatArray, axis: int) -> float:
     """Return the uncertain curvature of a map whose quadratic form was removed.
 
-    It is estimated from the cubic term, the longest wave that is left: a wave as long
-    as the map has both in like amounts.
+    It is estimated from the terms of orders 3 and 4, the longest waves that are left.
 
     Args:
         heights: (nx, ny) or (nx,), in m.
@@ -86,9 +125,12 @@ def _curvature(heights: FloatArray, axis: int) -> float:
     other_axes = tuple(k for k in range(heights.ndim) if k != axis)
     profile = heights.mean(axis=other_axes)
     x = np.linspace(-1.0, 1.0, profile.size)
-    cubic = np.polynomial.legendre.legfit(x, profile, 3)[3]
+    order = min(4, profile.size - 1)
+    terms = np.zeros(5)
+    terms[: order + 1] = np.polynomial.legendre.legfit(x, profile, order)
+    quadratic = math.hypot(_TO_CUBIC * terms[3], _TO_QUARTIC * terms[4]) / math.sqrt(2)
     # A Legendre polynomial of order 2 has the leading term 3/2 x² = 6 (x / side)².
-    return 6 * float(abs(cubic))
+    return 6 * quadratic
 
 
 def hole_alternatives(

@@ -259,14 +259,22 @@ def compared(step, truth, sources):
         }
 
 
-def of_form(kinds, seeds, n=96):
-    """Return rows of values of tilted, mirrored periods against the periods."""
+def of_form(kinds, seeds, n=96, order=1):
+    """Return rows of values of tilted, mirrored periods against the periods.
+
+    `order` is that of the polynomial that is removed, 1 or 2.  With 2, the map is also
+    curved, by as much as it is tilted.
+    """
     rows = []
     index = np.arange(n)
     for kind, seed in itertools.product(kinds, seeds):
         heights = period(kind, n, seed)
         tilted = heights + SLOPE * (index[:, None] - 0.6 * index)
-        surface = HeightsFromArray(tilted, (n, n), "mirrored").build()
+        if order == 2:
+            tilted += (
+                SLOPE * (index[:, None] - 0.5 * index) * (index[:, None] + index) / n
+            )
+        surface = HeightsFromArray(tilted, (n, n), "mirrored", form=order).build()
         truth = solved(Surface(heights, (n, n)))
         for step, exact in zip(solved(surface), truth, strict=True):
             found = compared(step, exact, ("form",))
@@ -388,7 +396,7 @@ def coverage(rows, by):
 def main():
     """Print the tables of coverage that the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m laboratory.measured_maps")
-    parser.add_argument("of", choices=["form", "holes", "profiles"])
+    parser.add_argument("of", choices=["form", "form2", "holes", "profiles"])
     parser.add_argument("--calibration", action="store_true")
     parser.add_argument("--largest", type=int, default=alternatives.LARGEST_GRID)
     given = parser.parse_args()
@@ -396,8 +404,10 @@ def main():
     warnings.simplefilter("ignore")
     kinds = CALIBRATION if given.calibration else JUDGED
     first = 1 if given.calibration else 301
-    if given.of == "form":
-        tables = [coverage(of_form(kinds, range(first, first + 6)), "kind")]
+    if given.of.startswith("form"):
+        order = 2 if given.of == "form2" else 1
+        rows = of_form(kinds, range(first, first + 6), order=order)
+        tables = [coverage(rows, "kind")]
     elif given.of == "profiles":
         tables = [coverage(of_profiles(STEPS, range(first, first + 4)), "kind")]
     else:
