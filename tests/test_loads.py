@@ -670,3 +670,20 @@ def test_a_gate_counts_the_error_that_the_table_of_loads_states(metal, quantity)
     assert 0 < error == pytest.approx(judged.grid_error)
     assert error == pytest.approx(judged.value.error_95)
     assert error == pytest.approx(result.final.row[f"{quantity}_error"])
+    # Another method on this grid has the same error of a gap by the grid, but states
+    # none; the theory has no grid.
+    for method, counted in (("fem", quantity != "mean_gap"), ("persson", True)):
+        values = {name: v for name, v in values.items() if "_by_grid" not in name}
+        values = {name: v for name, v in values.items() if ".error" not in name}
+        step = replace(result.final, quantities=values)
+        other = replace(result, method=method, steps=(step,))
+        against = replace(gate, against=method)
+        judged = judge_case(
+            case.changed(gates=(against,), methods=("bem", method)),
+            {
+                "bem": MethodResults((result,), ("seed3",)),
+                method: MethodResults((other,), ("seed3",)),
+            },
+        ).gates[0]
+        expected = 1.19 * by_grid[quantity] if counted else 0.0
+        assert (judged.grid_error or 0.0) == pytest.approx(expected)

@@ -22,7 +22,9 @@ its band is wide.  If both sides estimate the same limit, the smaller error esti
 counts, because the better value bounds the error of the other.  If both follow from
 pressures at the same points, they share their error, and the difference of the error
 estimates counts.  A theory and a published number have no error estimate, so that
-the one of the other side counts.  Against a closed form the true error is seen, and no
+the one of the other side counts.  A mean gap is a value on the grid, and its error is
+how far the grid is off: two methods on one grid share it, and it does not count between
+them.  Against a closed form the true error is seen, and no
 error estimate counts.
 """
 

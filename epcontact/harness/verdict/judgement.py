@@ -44,9 +44,7 @@ from epcontact.harness.gates import (
     judge_values,
     unjudged_verdict,
 )
-from epcontact.harness.quantities.registry import (
-    read_quantity,
-)
+from epcontact.harness.quantities.registry import QUANTITIES, read_quantity
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.verdict.digest import digest_of
 from epcontact.harness.verdict.evidence import kind_of, subject_of
@@ -576,7 +574,7 @@ def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
             if source in parts
         ]
         if source == "grid":
-            counted += _counted_grid_error(reported, sides)
+            counted += _counted_grid_error(gate, reported, sides)
         # Two results on one map, or under one effective hardness, share this error.
         elif len(reported) == 1:
             counted += reported
@@ -584,11 +582,12 @@ def _counted_error(gate: Gate, sides: Sequence[MethodResults]) -> float | None:
 
 
 def _counted_grid_error(
-    reported: Sequence[float], sides: Sequence[MethodResults]
+    gate: Gate, reported: Sequence[float], sides: Sequence[MethodResults]
 ) -> list[float]:
     """Return the error by the grid that counts for a gate, see the module `gates`.
 
     Args:
+        gate: the gate.
         reported: the error of each side that reports one, as the half-width of a 95 %
             interval.
         sides: the results of the gate's one or two methods.
@@ -596,12 +595,23 @@ def _counted_grid_error(
     Returns:
         A list of this error, or of none.
     """
+    is_limit = gate.quantity.startswith("area.") or (
+        f"{gate.quantity}.raw" in QUANTITIES
+    )
+    both_on_grid = len(sides) == 2 and not any(map(_is_theory, sides))
+    if both_on_grid and len(reported) == 1 and not is_limit:
+        return []
     # A theory has no grid and reports 0, which is no error estimate.
     errors = [error for error in reported if error]
     on_same_points = all(_is_of_points(side) for side in sides)
     if len(errors) == 2 and math.inf not in errors and on_same_points:
         return [abs(errors[0] - errors[1])]
     return [min(errors)] if errors else []
+
+
+def _is_theory(results: MethodResults) -> bool:
+    """Return whether results are those of the theory, which has no grid."""
+    return all(result.method == "persson" for result in results.results)
 
 
 def _is_of_points(results: MethodResults) -> bool:
