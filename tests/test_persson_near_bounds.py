@@ -223,6 +223,24 @@ def test_a_scene_is_solved_and_its_curves_end_at_its_areas():
     assert other.final.areas["raw"].total > result.final.areas["raw"].total
 
 
+def test_each_load_of_a_path_is_integrated_once(monkeypatch):
+    """Areas, distribution and expected errors of a load share one integration."""
+    ends = []
+
+    def integrate_and_count(*arguments, **options):
+        """Return the stress, and note the mean pressure in `ends`."""
+        ends.append(arguments[2])
+        return integrate(*arguments, **options)
+
+    monkeypatch.setattr(persson.theory, "integrate", integrate_and_count)
+    surface = SelfAffine(SPECTRUM, (2 * math.pi / 1e5,) * 2, (256, 256), 3).build()
+    scene = Scene(surface, Material(250e9, 0.0, 150e9), Load((5e9, 12.5e9)))
+    rule = {"energy_reduction": CONSTANTS[0], "reduction": "near_bounds"}
+    result = persson.solve(scene, **rule)
+    assert ends == [5e9, 12.5e9]
+    assert "gap" in result.notes[-1]
+
+
 @pytest.mark.parametrize("relative_hardness", [0.05, 0.3, 1.2])
 def test_the_area_of_strips_is_the_integral_over_the_slopes(relative_hardness):
     """The area of strips agrees with adaptive quadrature of its definition.
