@@ -2,11 +2,16 @@
 cheaper.
 """
 
+import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import invoke
+from scipy import ndimage
 
 from epcontact import alternatives, bem
 from epcontact.errors import InvalidCase
@@ -434,3 +439,33 @@ def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case
     error = areas["error"].total / areas["corrected"].total
     assert achieved_error(chosen, answer) == pytest.approx(error, rel=1e-6)
     assert error <= 0.05
+
+
+def test_a_plan_of_a_map_has_the_errors_that_run_reports(monkeypatch, tmp_path):
+    """The last line of `plan` has each part of the error of the area, and they are
+    those of `run` on the same grid: by the grid, the edges, the form and the holes.
+    """
+    monkeypatch.chdir(tmp_path)
+    heights = np.random.default_rng(5).normal(size=(24, 20))
+    heights = ndimage.gaussian_filter(heights, 1.5, mode="wrap")
+    heights[7:9, 5:8] = np.nan
+    np.savetxt("steel.csv", heights, delimiter=",")
+    assert invoke("new", "steel.csv", "--pixel-size", 1e-6).returncode == 0
+    planned_line = invoke("plan", "steel.toml", "--tolerance", "0.1%").stdout
+    assert invoke("run", "steel.toml", "--jobs", 1).returncode == 0
+    content = json.loads(Path("results/steel/fast/bem.json").read_text())
+    load = int(re.search(r"number (\d) of the path", planned_line)[1]) - 1
+    area = content["loads"][load]["total_area"]
+    *_, line = planned_line.splitlines()
+    total = float(re.search(r"area ± (\S+) %", line)[1])
+    assert total == pytest.approx(100 * area["error"] / area["mean"], rel=0.06)
+    words = {
+        "grid": "grid",
+        "treatment": "edges of the map",
+        "form": "its removed form",
+        "missing": "its missing heights",
+    }
+    assert area["parts"].keys() == words.keys()
+    for part, error in area["parts"].items():
+        found = float(re.search(rf"{words[part]} (\S+) %", line)[1])
+        assert found == pytest.approx(100 * error / area["mean"], rel=0.06)

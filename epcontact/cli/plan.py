@@ -37,6 +37,8 @@ def plan(
     allowed = _fraction(tolerance)
     with show_sentences("plan") as say:
         chosen = planning.plan(loaded, allowed, parts=parts, progress=say)
+        say("what the measurement of the map leaves open")
+        map_errors = _map_errors(loaded, chosen)
     print_text(f"{chosen.case}: {_model(chosen)}, {chosen.areas} areas")
     sentences = [*chosen.reasons, *chosen.notes]
     if loaded.mapped_hardness:
@@ -47,7 +49,6 @@ def plan(
         f"  work {chosen.work:.3g} (grid points times transforms); the case as it is "
         f"takes {chosen.given_work:.3g}"
     )
-    map_errors = _map_errors(loaded, chosen)
     if map_errors is not None and map_errors.solves:
         points = " x ".join(map(str, map_errors.shape))
         print_text(
