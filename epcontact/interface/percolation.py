@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.workers import compiled
 from epcontact.interface.limit import Limit
 from epcontact.interface.runs import (
     add_points,
@@ -38,6 +37,9 @@ _MARGIN = 0.004
 # Values from which the cut of a fraction is estimated.  It is then off by a quarter of
 # _MARGIN, which costs time only.
 _SAMPLE = 1 << 17
+
+#: Points of a block of rows, half a megabyte, which stays in the cache of a core.
+_BLOCK_POINTS = 1 << 16
 
 # Factors in the error: of what the grid itself shows by sides, corners and every second
 # point, and of the change on a grid with interpolated midpoints.  They come from nine
@@ -153,55 +155,34 @@ def _with_midpoints(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a field on a grid twice as fine, by cubic interpolation along each axis.
 
     Args:
-        values: (nx, ny) or (nx,), periodic and contiguous, in any unit.
+        values: (nx, ny) or (nx,), periodic, in any unit.
     """
-    shape = [2 * size for size in values.shape]
-    finer = np.empty(shape)
-    interpolate_rows(np.atleast_2d(values), np.atleast_2d(finer))
+    if values.ndim == 1:
+        return _midpoints_along_rows(values[None])[0]
+    rows, columns = values.shape
+    finer = np.empty((2 * rows, 2 * columns))
+    step = max(1, _BLOCK_POINTS // columns)
+    for start in range(0, rows, step):
+        block = slice(start, min(start + step, rows))
+        # One row before the block and two after it are needed.
+        around = values[np.arange(start - 1, block.stop + 2) % rows]
+        between = (9 * (around[1:-2] + around[2:-1]) - (around[:-3] + around[3:])) / 16
+        finer[2 * start : 2 * block.stop : 2] = _midpoints_along_rows(around[1:-2])
+        finer[2 * start + 1 : 2 * block.stop : 2] = _midpoints_along_rows(between)
     return finer
 
 
-@compiled
-def interpolate_rows(values: Any, finer: Any) -> None:
-    """Interpolate a periodic field to a grid twice as fine.
+def _midpoints_along_rows(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return periodic rows (rows, columns) with twice as many columns.
 
     A midpoint is the value of the cubic polynomial through the four points around it.
-
-    Args:
-        values: (rows, columns).
-        finer: overwritten; it has twice as many columns, and twice as many rows, unless
-            `values` is a line with a single row.
     """
-    rows, columns = values.shape
-    between = np.empty(columns)
-    for row in range(rows):
-        interpolate_row(values[row], finer[row * finer.shape[0] // rows])
-        if finer.shape[0] == rows:
-            continue
-        outer = row - 1
-        following = (row + 1) % rows
-        second = (row + 2) % rows
-        for column in range(columns):
-            inner_sum = values[row, column] + values[following, column]
-            outer_sum = values[outer, column] + values[second, column]
-            between[column] = (9 * inner_sum - outer_sum) / 16
-        interpolate_row(between, finer[2 * row + 1])
-
-
-@compiled
-def interpolate_row(values: Any, finer: Any) -> None:
-    """Interpolate a periodic row to twice as many points; see `interpolate_rows`.
-
-    Args:
-        values: (columns,).
-        finer: (2 columns,), overwritten: values and midpoints in turn.
-    """
-    columns = values.size
-    for column in range(columns):
-        inner_sum = values[column] + values[(column + 1) % columns]
-        outer_sum = values[column - 1] + values[(column + 2) % columns]
-        finer[2 * column] = values[column]
-        finer[2 * column + 1] = (9 * inner_sum - outer_sum) / 16
+    around = np.pad(values, [(0, 0), (1, 2)], mode="wrap")
+    inner = around[:, 1:-2] + around[:, 2:-1]
+    outer = around[:, :-3] + around[:, 3:]
+    return np.stack([values, (9 * inner - outer) / 16], axis=-1).reshape(
+        len(values), -1
+    )
 
 
 def _spanning_fraction(

@@ -244,7 +244,7 @@ def join_runs(  # noqa: PLR0913, PLR0917 - a compiled pass takes its arrays one 
         run = first[row]
         end = first[row + 1]
         if run < end and starts[run] == 0 and ends[end - 1] == columns:
-            spans |= connect(parent, winding, end - 1, run, 1)
+            spans |= connect(parent, winding, end - 1, run, np.int64(1))
         if line:
             break
         other = first[before]
@@ -317,7 +317,7 @@ def add_points(
             if j < 0 or j >= columns:
                 step += steps[k, 1]
                 j -= columns * steps[k, 1]
-            neighbour = label[i, j]
+            neighbour = np.int64(label[i, j])  # so that `connect` compiles once
             if neighbour >= 0 and connect(parent, winding, node, neighbour, step):
                 return count + 1
         node += 1
