@@ -48,7 +48,7 @@ TOKENS = {
     "epcontact.output": 17_133,
     "epcontact.peers": 5_291,
     "epcontact.notebook": 300,
-    "epcontact.persson": 16_023,
+    "epcontact.persson": 16_027,
     "epcontact.pictures": 4_409,
     "epcontact.planning": 5_378,
     "epcontact.reference": 7_272,

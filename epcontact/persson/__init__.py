@@ -9,6 +9,7 @@ displacement and elastic energy for the rule `near_bounds`) and `hardness` (a ha
 that depends on the magnification).
 """
 
+from epcontact.persson.clipped_pressure import Displacements, displacements
 from epcontact.persson.driver import solve
 from epcontact.persson.elastoplastic import (
     ContactAreas,
@@ -28,12 +29,14 @@ from epcontact.persson.theory import (
 
 __all__ = [
     "ContactAreas",
+    "Displacements",
     "EnergyReduction",
     "MagnificationCurve",
     "PressureCurve",
     "Theory",
     "analytic_roughness",
     "areas",
+    "displacements",
     "full_contact_diffusion",
     "hardness_curve",
     "pressure_cumulative",
