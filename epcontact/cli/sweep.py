@@ -38,7 +38,8 @@ def sweep(
         from epcontact.pictures.folder import draw_sweep
 
         rows_by_point = {point: rows for point, (rows, _) in swept.loads.items()}
-        draw_sweep(swept.folder, rows_by_point, swept.fields)
+        with show_progress("sweep"):
+            draw_sweep(swept.folder, rows_by_point, swept.fields)
     for path, words in swept.fields.items():
         print_text(f"fields of {words} in {path}")
     solved = swept.table.loc[swept.table["load"] == 0, "solved"]  # a row for each task
