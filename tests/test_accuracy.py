@@ -2,6 +2,8 @@
 package's.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -135,6 +137,40 @@ def test_elements_are_held_against_calculix_on_every_grid(folders, monkeypatch):
     beside_bem = rows.loc["FE – BEM, same grid"]
     assert beside_calculix["value"].equals(beside_calculix["reference"])
     assert beside_calculix["value"]["A"].equals(beside_bem["value"]["A"])
+
+
+def test_a_time_is_the_least_and_the_finest_grid_is_no_reference_for_itself(
+    folders, monkeypatch
+):
+    """The time of a row is the least over its surfaces, for it and for its unit.
+
+    A second surface stands beside each, with the same values and ten times the time; it
+    is counted as a surface.  Elements on the grid of the reference of the continuum are
+    compared with boundary elements on this grid, and not with the continuum.
+    """
+    members = [each for folder in folders for each in sweep.members(folder)]
+
+    def points_of(result):
+        """Return the grid points per shortest wave of a result."""
+        return result.provenance.about["resolution"]["value"]
+
+    of_bem = [each for each in members if each[0]["method"] == "bem"]
+    task, finest = max(of_bem, key=lambda each: points_of(each[1]))
+    as_elements = [(task | {"method": "fem"}, finest)]
+    timed = []
+    for task, result in members:
+        seconds = points_of(result) * {"fem": 7.0}.get(task["method"], 1.0)
+        for seed, factor in ((task["seed"], 1.0), (99, 10.0)):
+            cost = {**result.cost, "seconds": factor * seconds}
+            timed.append((task | {"seed": seed}, replace(result, cost=cost)))
+    found = {folders[0]: [*timed, *as_elements], folders[1]: []}
+    monkeypatch.setattr(sweep, "members", found.__getitem__)
+    after = read_rows(folders).set_index(["pair", "quantity", "points"]).sort_index()
+    area = ("FE – continuum", "A", 4)
+    assert after.loc[area, "time"] == pytest.approx(7.0)
+    assert after.loc[area, "surfaces"] == 2
+    assert 16 in after.loc["FE – BEM, same grid", "A"].index
+    assert 16 not in after.loc["FE – continuum", "A"].index
 
 
 def test_the_ledger_of_the_package_rests_on_its_tables():

@@ -5,22 +5,28 @@ an exchanged or repeated one gives another number.  The expected numbers are com
 here from the definitions in the documentation.
 """
 
+import hashlib
 from dataclasses import replace
 from math import hypot
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from conftest import SMALL_CASE
 
+from epcontact.alternatives import FACTOR, with_measurement_errors
 from epcontact.harness.case_files.case import load_case
+from epcontact.harness.methods.load_by_load import solve_load_by_load
 from epcontact.harness.methods.registry import METHODS
-from epcontact.harness.solving import saved
+from epcontact.harness.solving import load_path, saved
 from epcontact.harness.solving.load_path import solve_path, with_hardness_error
 from epcontact.harness.solving.measure import measure_end
 from epcontact.harness.solving.method_results import MethodResults, load_rows, summary
+from epcontact.harness.solving.saved import DoneLoads
 from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.materials.hardness_map import MappedHardness
 from epcontact.results import Areas, ContactResult, LoadStep, Provenance
+from epcontact.scene import Alternative, Load, Material, Scene, Surface
 
 #: Student's t of two surfaces at 95 %; the mean of two values a and b has a half-width
 #: of t |a - b| / 2.
@@ -258,3 +264,201 @@ def test_an_error_that_one_surface_lacks_counts_in_any_order():
     for ordered in (results, results[::-1]):
         (row,) = load_rows(ordered)
         assert row["plastic_area"]["parts"]["grid"] == pytest.approx(0.00595, rel=2e-3)
+
+
+# --- paths that fall, parts of a path, and loads that are done
+
+
+def branches_of(*loads):
+    """Return the branches of an invented result with these loads."""
+    return result_of(1.0, loads).branches
+
+
+def test_a_load_that_stays_after_a_fall_is_on_the_unloading_branch():
+    """A repeated load belongs to the branch that led to it."""
+    assert branches_of(1.0, 1.0, 3.0, 2.0, 2.0, 2.5, 3.0) == (
+        *["loading"] * 3,
+        *["unloading"] * 2,
+        "reloading",
+        "loading",
+    )
+
+
+def test_the_lowest_hardness_carries_the_largest_load_so_far(monkeypatch):
+    """Where a load falls, the lower end of a hardness is not below the peak before."""
+    solved = []
+
+    def solve(task, scene, hardnesses, threads, **_):
+        """Record the hardness of each load, and return an invented result."""
+        solved.append(list(hardnesses))
+        return result_of(1.0)
+
+    monkeypatch.setattr(load_path, "_solve_with_hardnesses", solve)
+    monkeypatch.setattr(load_path, "_without_files", lambda task: task)
+    monkeypatch.setattr(load_path, "with_hardness_error", lambda step, *_: step)
+    mapped = [SimpleNamespace(interval=(3e8, 9e8 + load)) for load in LOADS]
+    scene = SimpleNamespace(load=Load(LOADS))
+    load_path._with_hardness_errors(None, scene, mapped, 1, result_of(1.0).steps)
+    lowest, highest = solved
+    assert lowest == pytest.approx([3e8, 4.004e8, 4.004e8])
+    assert highest == pytest.approx([1e9, 1.3e9, 1.1e9])
+
+
+def test_loads_that_are_done_are_taken_for_their_own_part_of_the_path(monkeypatch):
+    """Of a path with a hardness for each load, the two loads that an earlier run has
+    solved are kept in order, and only the third is solved.
+    """
+    solved = []
+
+    def solve_part(task, scene, threads, before, **_):
+        """Record the loads that are solved after which, and return their result."""
+        solved.append((scene.load.path, [step.mean_pressure for step in before.steps]))
+        return result_of(1.0, scene.load.path)
+
+    monkeypatch.setattr(load_path, "_solve_part", solve_part)
+    heights = np.linspace(0.0, 1e-6, 16).reshape(4, 4)
+    scene = Scene(Surface(heights, (1.0, 1.0)), Material(1e11, 0.3), Load(LOADS))
+    task = SimpleNamespace(method=METHODS["bem"])
+    done = DoneLoads(result_of(1.0, LOADS[:2]), None)
+    result = load_path._solve_with_hardnesses(
+        task, scene, [1e9, 2e9, 3e9], 1, done=done
+    )
+    assert solved == [((LOADS[2],), list(LOADS[:2]))]
+    assert [step.mean_pressure for step in result.steps] == list(LOADS)
+    assert result.cost == {
+        "seconds": 4.0,
+        "peak_memory_bytes": 1e9,
+        "fft_pairs": 14.0,
+    }
+
+
+@pytest.mark.parametrize("law", ["elastic", "j2"])
+def test_a_solver_of_one_load_gets_the_path_to_it_and_what_has_flowed(law):
+    """Each load is solved with the path up to it and the flow before it, which of a J2
+    body is unknown; costs add, but the most memory and unknowns count.
+    """
+    received = []
+
+    def solve_last(scene, flow):
+        """Record a path and the flow, and return an invented result at its end."""
+        received.append((scene.load.path, flow))
+        number = len(scene.load.path)
+        return replace(
+            result_of(1.0, scene.load.path[-1:]),
+            provenance=Provenance("digest", options={"law": law}),
+            fields={"plastic_displacement": np.full(2, float(number))},
+            cost={"seconds": number, "unknowns": 5 - number, "peak_memory_bytes": 7},
+        )
+
+    heights = np.linspace(0.0, 1e-6, 16).reshape(4, 4)
+    scene = Scene(Surface(heights, (1.0, 1.0)), Material(1e11, 0.3), Load(LOADS))
+    result = solve_load_by_load(solve_last, scene)
+    assert [path for path, _ in received] == [LOADS[:1], LOADS[:2], LOADS]
+    flows = [flow if flow is None else flow[0] for _, flow in received]
+    assert flows == ([None] * 3 if law == "j2" else [None, 1.0, 2.0])
+    assert result.cost == {"seconds": 6, "unknowns": 4, "peak_memory_bytes": 7}
+    assert [step.mean_pressure for step in result.steps] == list(LOADS)
+
+
+def test_errors_of_a_measurement_are_those_of_each_load():
+    """The error of a gap at a load is 2 times the largest difference there."""
+    base = result_of(1.0).steps
+    heights = np.linspace(0.0, 1e-6, 16).reshape(4, 4)
+    changes = [np.full(heights.shape, value) for value in (1e-9, -2e-9)]
+    alternatives = tuple(Alternative("form", ..., (change,)) for change in changes)
+    surface = Surface(heights, (1.0, 1.0), alternatives=alternatives)
+    scene = Scene(surface, Material(1e11, 0.3), Load(LOADS))
+
+    def solve(changed):
+        """Return steps whose gaps differ by 1, 2 and 3 times the change."""
+        change = float(changed.surface.heights[0, 0])
+        steps = []
+        for number, step in enumerate(base):
+            gap = step.quantities["mean_gap"] + (number + 1) * change
+            steps.append(replace(step, quantities={**step.quantities, "mean_gap": gap}))
+        return steps
+
+    found = with_measurement_errors(scene, base, solve)
+    errors = [step.quantities["mean_gap_error_by_form"] for step in found]
+    assert errors == pytest.approx([FACTOR * k * 2e-9 for k in (1, 2, 3)])
+
+
+def task_of_loads(folder, **changes):
+    """Return a stand-in for a task that saves its loads in a folder."""
+    values = {
+        "loads_file": folder / "case" / "fast" / "bem.loads.npz",
+        "case": SimpleNamespace(load=Load(LOADS)),
+        "measured": (),
+        "lists_loads": True,
+        "peak_file": None,
+        "steps_folder": None,
+        "fields_file": None,
+        "precision": "double",
+    }
+    return SimpleNamespace(**(values | changes))
+
+
+def test_the_flow_is_saved_if_the_next_load_falls(tmp_path, monkeypatch):
+    """The next load of a path that falls starts from the flow, one that grows does
+    not; loads that were saved without what a task lists are not used.
+    """
+    monkeypatch.setattr(saved, "key_of", lambda task: "key")
+    (tmp_path / "case").mkdir()
+    flow = {"plastic_displacement": np.arange(4.0)}
+    task = task_of_loads(tmp_path)
+    for count, is_saved in ((1, False), (2, True)):
+        result = replace(result_of(1.0, LOADS[:count]), fields=flow)
+        saved.save_loads(task, result)
+        done = saved.load_done(task)
+        assert (done.flow is not None) == is_saved
+        assert len(done.result.steps) == count
+    for change in (
+        {"lists_loads": False},
+        {"precision": "single"},
+        {"measured": ("quantity.mean_gap",)},
+        {"steps_folder": tmp_path},
+        {"peak_file": tmp_path / "x.vti"},
+    ):
+        assert saved.load_done(task_of_loads(tmp_path, **change)) is None
+
+
+def test_files_of_each_load_count_if_they_were_kept_with_the_result(tmp_path):
+    """A collection beside a result that was saved without one is of another run."""
+    (tmp_path / "steps").mkdir()
+    (tmp_path / "steps" / "path.pvd").touch()
+    task = task_of_loads(
+        tmp_path, steps_folder=tmp_path, steps_path=lambda output: tmp_path / "steps"
+    )
+    assert saved._has_files({"steps_kept": True}, task, tmp_path)
+    assert not saved._has_files({"steps_kept": False}, task, tmp_path)
+    assert not saved._has_files({}, task, tmp_path)
+    (tmp_path / "x.vti").write_text("fields")
+    digest = hashlib.sha256(b"fields").hexdigest()
+    with_fields = task_of_loads(tmp_path, fields_file=tmp_path / "x.vti")
+    content = {"fields_digest": digest, "precision": "double"}
+    assert saved._has_files(content, with_fields, tmp_path)
+    assert not saved._has_files(content | {"precision": "half"}, with_fields, tmp_path)
+    (tmp_path / "x.vti").write_text("changed")
+    assert not saved._has_files(content, with_fields, tmp_path)
+
+
+def test_fields_stay_beside_their_own_result_alone(tmp_path, monkeypatch):
+    """A result that is saved again without fields keeps their file, and another result
+    of the task, by another key, deletes the files of fields and of each load.
+    """
+    (tmp_path / "small.toml").write_text(SMALL_CASE)
+    case = load_case(tmp_path / "small.toml")
+    task = next(
+        task for task in tasks_of(case, Run(tmp_path)) if task.method.name == "bem"
+    )
+    task = replace(task, fields_file=None, steps_folder=None)
+    file, steps = task.fields_path(tmp_path), task.steps_path(tmp_path)
+    steps.mkdir(parents=True)
+    file.write_text("fields")
+    with_files = replace(task, fields_file=file, steps_folder=steps)
+    left = []
+    for key, saved_task in (("a", with_files), ("a", task), ("b", task)):
+        monkeypatch.setattr(saved, "key_of", lambda _, key=key: key)
+        saved.save_result(saved_task, tmp_path, result_of(1.0))
+        left.append((file.exists(), steps.exists()))
+    assert left == [(True, True), (True, True), (False, False)]

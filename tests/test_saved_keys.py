@@ -293,6 +293,28 @@ def test_what_is_judged_changes_no_key(folder):
     assert keys_of(folder, tables) == before
 
 
+def test_a_column_that_a_case_asks_for_changes_its_key(folder):
+    """A result on a large grid has only the columns that its case asked for."""
+    tables = tables_for("material")
+    found = []
+    for columns in ([], ["conductance"], ["conductance", "gap_percolation"]):
+        tables["case"] |= {"columns": columns}
+        found.append(keys_of(folder, tables)["bem"])
+    assert len(set(found)) == 3
+
+
+def test_the_shape_and_each_digit_of_a_period_are_in_the_digest_of_a_scene():
+    """The same bytes of heights on another grid, or on a period that differs in its
+    ninth digit, are another scene.
+    """
+    heights = np.linspace(0.0, 1e-6, 48)
+    digests = set()
+    for shape, period in (((6, 8), 2e-3), ((8, 6), 2e-3), ((6, 8), 2.00000001e-3)):
+        surface = Surface(heights.reshape(shape), (period, 2e-3))
+        digests.add(Scene(surface, Material(2e11, 0.3), Load(1e8)).digest)
+    assert len(digests) == 3
+
+
 def test_a_counterface_and_a_content_of_a_map_change_the_key(folder):
     """The second rough surface counts, and so do heights behind an unchanged path."""
     tables = tables_for("counterface")
