@@ -427,6 +427,39 @@ def test_a_punch_beyond_its_limit_load_flows_freely(path):
     assert 14 < force / STRIP_LIMIT < 15
 
 
+@pytest.mark.parametrize(
+    ("round_punch", "bounds"), [(True, (5.69, 5.69)), (False, (5, 5.71))]
+)
+def test_the_limit_loads_of_a_disc_and_a_square_are_within_their_bounds(
+    round_punch, bounds
+):
+    """A flat punch flows freely at a mean pressure between bounds of limit analysis.
+
+    For Tresca's condition with the shear strength k, the pressure is 5.69 k under a
+    smooth disc (Shield 1955) and 5 to 5.71 k under a square (Shield and Drucker 1953),
+    the `bounds`.  The condition of von Mises lies between those with k = 1/2 and
+    1/sqrt(3) yield stresses.  The punch is 6 spacings wide, and as under a strip the
+    rim carries .18 spacings less on each side.
+    """
+    x = np.arange(24) - 2.5
+    if round_punch:
+        punch = x[:, None] ** 2 + x**2 <= 9
+        area = (np.sqrt(punch.sum() * np.pi) - 0.18 * np.pi) ** 2 / np.pi
+    else:
+        punch = np.maximum(abs(x[:, None]), abs(x)) < 3
+        area = (6 - 2 * 0.18) ** 2
+    with pytest.warns(SurfaceWarning, match="slope"):
+        surface = Surface(np.where(punch, 0.0, -10.0), (24.0, 24.0))
+    metal = Material(1000.0, 0.3, yield_stress=1.0)
+    scene = Scene(surface, metal, Load(4 * punch.mean()))
+    with pytest.raises(FlowsFreely) as caught:
+        solve(scene, steps=4, tolerance=1e-5)
+    pressure = caught.value.limit * 24**2 / area
+    lowest, highest = bounds
+    assert lowest / 2 < pressure < highest / math.sqrt(3)
+    assert pressure == pytest.approx(3.0, abs=0.07)
+
+
 def test_a_load_beyond_the_limit_costs_at_most_twice_that_of_one_below(monkeypatch):
     """The limit load of a strip (2.907 yield stresses) is found in at most twice the
     iterations of conjugate gradients that a load just below it takes.
