@@ -46,6 +46,8 @@ HARDNESS = 1.5e11  # Pa
 PRESSURES = np.linspace(0, HARDNESS, 80)  # Pa, of a made-up distribution
 #: How most tables of this file are drawn.
 PLOT = Plot(x=Axis("cost_s", "cost (s)"), y=Axis("error", "error (–)"), log="xy")
+#: The version of matplotlib that drew the saved pictures.
+DRAWN_BY = "3.11"
 MEAN_PRESSURE = 1.25e10  # Pa
 DIFFUSION = 4.2e21  # Pa^2, half the variance of the pressures in full contact
 
@@ -255,6 +257,21 @@ def test_texts_of_a_chart_are_whole_and_apart(make_chart, monkeypatch):
         assert np.all(box.max <= page.max), text
     for (text, box), (other_text, other_box) in itertools.combinations(boxes, 2):
         assert not box.overlaps(other_box), (text, other_text)
+
+
+@pytest.mark.skipif(
+    not mpl.__version__.startswith(f"{DRAWN_BY}."),
+    reason=f"saved pictures are by matplotlib {DRAWN_BY}; others draw text otherwise",
+)
+@pytest.mark.parametrize("make", [make_map, make_distribution, make_curves, make_front])
+def test_a_chart_looks_like_its_saved_picture(make, image_regression):
+    """Each chart has the pixels of its saved picture, but for 0.02 % of all brightness,
+    which is less than a line of text or a curve.
+
+    After an intended change: `pytest --force-regen`, and look at the new pictures.
+    """
+    name = make.__name__.removeprefix("make_")
+    image_regression.check(make().png(), diff_threshold=0.02, basename=name)
 
 
 def test_axes_of_a_chart_have_units(make_chart):

@@ -8,6 +8,7 @@ import math
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -165,6 +166,20 @@ def test_a_chart_of_a_study_has_its_question_as_title_and_no_text_is_cut(
             assert np.all(page.min <= box.min), text
             assert np.all(box.max <= page.max), text
             assert r"\$" not in text
+
+
+@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
+def test_the_gallery_of_the_guide_has_each_chart(name):
+    """The page has a picture for each chart of a study, with the chart's question as
+    its text, and a section with the command.
+    """
+    guide = Path(__file__).parent.parent / ".docs"
+    page = (guide / "gallery.md").read_text(encoding="utf-8")
+    section = page.partition(f"\nepcontact chart {name}\n")[2].partition("\n## ")[0]
+    pictures = re.findall(r"^!\[(.*)\]\((.*)\)$", section, re.MULTILINE)
+    questions = [f"{chart.caption.partition('?')[0]}?" for chart in charts_of(name)]
+    assert [words.replace("\\", "") for words, _ in pictures] == questions
+    assert all((guide / file).is_file() for _, file in pictures)
 
 
 def test_the_coverage_of_each_kind_is_that_of_its_marks(monkeypatch):

@@ -48,12 +48,27 @@ _TERMS = 200
 #: A division by zero counts as a failure like an error of the solver.
 _FAILURES = (EpcontactError, ArithmeticError, np.linalg.LinAlgError)
 
-#: The labels of x, y and effort on each map.
+#: The labels of x, y and effort on each map, and what converges there.
 MAPS = {
-    "capped": ("p0 / hardness (–)", "hardness / (E* xi) (–)", "transform pairs"),
-    "elastic": ("p0 / (E* xi) (–)", "hardness / (E* xi) (–)", "transform pairs"),
-    "theory": ("p0 / hardness (–)", "G / hardness² (–)", "terms"),
-    "fem": ("p0 / (E* xi) (–)", "E* xi / yield stress (–)", "Newton steps"),
+    "capped": (
+        "p0 / hardness (–)",
+        "hardness / (E* xi) (–)",
+        "transform pairs",
+        "boundary elements of a capped body",
+    ),
+    "elastic": (
+        "p0 / (E* xi) (–)",
+        "hardness / (E* xi) (–)",
+        "transform pairs",
+        "boundary elements of an elastic body",
+    ),
+    "theory": ("p0 / hardness (–)", "G / hardness² (–)", "terms", "sums of the theory"),
+    "fem": (
+        "p0 / (E* xi) (–)",
+        "E* xi / yield stress (–)",
+        "Newton steps",
+        "finite elements with J2 flow",
+    ),
 }
 _SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.99)
 _RATIOS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
@@ -369,7 +384,7 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
     `table` has the rows of `stability` for this map.  `size` ("coarse" or "full") is
     named in the caption.
     """
-    x_label, y_label, count = MAPS[table["map"].iloc[0]]
+    x_label, y_label, count, solvers = MAPS[table["map"].iloc[0]]
     shown = table.assign(effort=table["effort"].where(table["converged"]))
     panels = {}
     for method, group in shown.groupby("method", sort=False):
@@ -389,6 +404,7 @@ def chart(table: pd.DataFrame, size: str) -> Chart:
         labels=labels,
         count=count,
         caption=caption,
+        question=f"Where do {solvers} converge?",
     )
 
 

@@ -362,6 +362,7 @@ def stability_map(
     labels: tuple[str, str],
     count: str,
     caption: str,
+    question: str = "Where do the methods converge?",
 ) -> Chart:
     """Draw for each method at which parameters it converges, and by what effort.
 
@@ -372,6 +373,7 @@ def stability_map(
         labels: the labels of the x and the y axis, with units.
         count: the name of the effort, such as "FFT pairs", for the colour bar.
         caption: the caption of the chart.
+        question: the question that the chart answers, above it.
 
     Returns:
         The chart; its data have a row for each method and pair of parameters.
@@ -391,7 +393,7 @@ def stability_map(
     norm = LogNorm(max(lowest, 1.0), max(highest, lowest + 1.0, 2.0))
     with styled():
         figure, panels = new_figure(1.6 + 2.6 * len(tables), 3.3, columns=len(tables))
-        write_question(figure, "Where do the methods converge?")
+        write_question(figure, question)
         for axes, (name, table) in zip(panels, tables.items(), strict=True):
             image = axes.imshow(
                 table.T,

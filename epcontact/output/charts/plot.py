@@ -33,7 +33,7 @@ _SIZE = (6.4, 3.9)
 _LEFT, _BOTTOM, _RIGHT, _TOP = 0.95, 0.5, 0.2, 0.45
 #: Left margin beside the label and the ticks of the y axis, if these have names
 #: (inches).
-_TICKS = 0.1
+_TICKS = 0.2
 #: Marks with error bars of several series stand side by side within this width, and
 #: two are at most this far from each other (points of length).
 _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
@@ -41,6 +41,8 @@ _BARS_WIDTH, _BAR_DISTANCE = 6.0, 2.0
 _FEW_POINTS = 25
 _FILLS = {"open": "none", "half": "left"}
 _GUIDE = {"color": "#7f7f7f", "linewidth": 0.9, "linestyle": ":"}
+#: The paper behind a text inside of the axes, which a curve may cross.
+_PAPER = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.0}
 _ZERO_LABEL = "open, on the axis: 0"
 
 
@@ -449,7 +451,7 @@ def _draw_guides(axes: Any, plot: Plot) -> None:
         if axes.transAxes.inverted().transform(pixels)[0] > 0.5:
             text = f"{typeset(label)} "
             side = "right"
-        look = {"va": "top", "ha": side, "color": "#555555"}
+        look = {"va": "top", "ha": side, "color": "#555555", "bbox": _PAPER}
         axes.annotate(text, (x, 0.985), xycoords=("data", "axes fraction"), **look)
 
 
