@@ -168,7 +168,7 @@ def test_a_chart_of_a_study_has_its_question_as_title_and_no_text_is_cut(
             assert r"\$" not in text
 
 
-@pytest.mark.parametrize("name", sorted(STUDIES.keys() - {"peers"}))
+@pytest.mark.parametrize("name", sorted(SMALL))
 def test_the_gallery_of_the_guide_has_each_chart(name):
     """The page has a picture for each chart of a study, with the chart's question as
     its text, and a section with the command.

@@ -114,8 +114,11 @@ def metal(
     names = {"error_low": "low", "error_high": "high"}
     columns = ["model", "load", "error", "low", "high", "severity", "quantity"]
     count = len(seeds)
-    title = f"J2 metal by the capped theory, {count} surfaces with 95 % intervals"
-    yield draw, means.rename(columns=names)[columns], title
+    caption = (
+        "How wrong are the theory and boundary elements for a J2 metal? Means of "
+        f"{count} surfaces with their 95 % intervals."
+    )
+    yield draw, means.rename(columns=names)[columns], caption
 
 
 def mapped_hardness(scene: Scene) -> float:
