@@ -131,7 +131,7 @@ def page(folder: Path) -> str:
             begin = caption.split(f" {study.description}")[0]
             lines += picture(folder, stem, begin)
         if not own:
-            lines += ["It needs other codes, and has no picture here.", ""]
+            lines += ["This page has no picture of it.", ""]
     text = "\n".join(line for line in lines)
     return text.replace("\n\n\n", "\n\n").rstrip() + "\n"
 
