@@ -58,13 +58,8 @@ TOKENS = {
     "epcontact.surfaces": 20_823,
     "fem_check": 29_299,
     "lines of saved screens": 629,
-<<<<<<< HEAD
-    "tests": 167_403,
-    "tests/laboratory": 32_711,
-=======
-    "tests": 164_253,
+    "tests": 167_614,
     "tests/laboratory": 33_866,
->>>>>>> 8aae5d2 (Guide: a gallery of all charts; pictures of four charts are compared)
 }
 SLACK = 0.03
 #: Imports of the project inside functions, each with its reason beside it; fewer is
