@@ -700,11 +700,11 @@ def test_the_start_of_a_command_takes_longer_than_the_solve_of_a_small_grid():
 
 
 def test_the_processor_time_is_that_of_the_command(tmp_path):
-    """A command that computes for 0.2 s takes at least as long, and the error of one
-    that fails is raised.
+    """A command that computes for 0.2 s takes as long, but for the ticks of 0.01 s in
+    which the system counts, and the error of one that fails is raised.
     """
     program = "import time\nwhile time.process_time() < 0.2: pass"
-    assert 0.2 <= time_to_answer._processor_seconds(tmp_path, "-c", program) < 2
+    assert 0.15 <= time_to_answer._processor_seconds(tmp_path, "-c", program) < 2
     with pytest.raises(EpcontactError, match="no such module"):
         time_to_answer._processor_seconds(tmp_path, "-c", "exit('no such module')")
 
