@@ -2,6 +2,7 @@
 package's.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 from command_line import invoke
 
+from epcontact.cli import compare_and_accuracy
 from epcontact.cli.compare_and_accuracy import _ledger_row as row_of_table
 from epcontact.harness import sweep
 from epcontact.persson.validity import theory_map
@@ -68,6 +70,8 @@ def test_a_row_of_the_ledger_has_units_and_the_span_of_its_scenes():
     pair = "FE, 4 points a wave – BEM"
     shown = ("A_pl", pair, "-3.1 %", "27 %", "12", "3.46", "123", span)
     assert row_of_table(row) == shown
+    two = row_of_table(row | {"scenes": 2})
+    assert two[3:5] == ("27 %", "2")
     # One scene has no scatter, and boundary elements of any grid no points a wave.
     row |= {"points": np.nan, "scenes": 1, "time": np.nan, "fft_pairs": 0.0}
     shown = ("A_pl", "FE – BEM", "-3.1 %", "–", "1", "", "", span)
@@ -275,3 +279,48 @@ def test_a_gate_of_elements_against_the_theory_is_a_row_of_the_theory():
     rows = verdict_rows(figures)
     found = rows[["pair", "value", "reference"]].to_dict("split")["data"]
     assert found == [["theory – BEM", 0.1, 0.11], ["FE – BEM", 0.13, 0.12]]
+
+
+def test_a_distance_is_a_row_although_its_reference_is_0():
+    """A gate on a distribution has the reference 0 and is a row; other gates against 0
+    judge an error itself and are none.
+    """
+    gates = pd.DataFrame(
+        {
+            "name": [
+                "distribution of fem against bem (wasserstein)",
+                "area.total.corrected of fem against bem (absolute)",
+                "area.total.corrected of fem against bem (relative)",
+            ],
+            "low": -0.1,
+            "value": [0.03, 0.2, 0.2],
+            "reference": [0.0, 0.0, 0.21],
+        }
+    )
+    rows = verdict_rows(gates)
+    found = [*zip(rows["quantity"], rows["pair"], rows["value"], strict=True)]
+    assert found == [("P(σ) distance", "FE – BEM", 0.03), ("A", "FE – BEM", 0.2)]
+
+
+def test_the_terminal_shows_two_grids_of_the_release_and_what_has_none(monkeypatch):
+    """Of the release, rows on 4 and 8 points a wave are shown and those that hold for
+    any grid; of a user's folders all are.
+    """
+    place = {"load": 0.1, "hardness": 0.6, "hurst": 0.8, "waves": 8.0}
+    cost = {"time": 2.0, "fft_pairs": 30.0, "surfaces": 1}
+    rows = pd.DataFrame(
+        [
+            {"pair": "BEM – continuum", "points": points, "value": 0.2 + points / 1e3}
+            for points in (3.0, 4.0, 8.0, 16.0)
+        ]
+        + [{"pair": "theory – BEM", "points": 4.0, "value": 0.3}]
+    ).assign(quantity="A", reference=0.2, **place, **cost)
+    monkeypatch.setattr(compare_and_accuracy.ledgers, "read_rows", lambda folders: rows)
+    shown = invoke("accuracy").stdout
+    points = re.findall(r"BEM, (\d+) points a wave – continuum", shown)
+    assert points == ["4", "8"]
+    (line,) = [line for line in shown.splitlines() if "theory – BEM" in line]
+    assert line.split()[:5] == ["A", "theory", "–", "BEM", "+50"]
+    shown = invoke("accuracy", "mine").stdout
+    points = re.findall(r"BEM, (\d+) points a wave – continuum", shown)
+    assert points == ["3", "4", "8", "16"]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from epcontact import bem
+from epcontact.errors import InvalidScene, NotConverged
 from epcontact.peers import calculix
 from epcontact.peers.public_codes import ITERATIONS, contact_mechanics, tamaas
 from epcontact.peers.tamaas_j2 import tamaas_j2
@@ -198,6 +199,44 @@ def test_the_input_file_has_loads_springs_and_supports(calculix_answers, kind):
         assert base == [[3, 3]] * 117 + [[1, 3]]
 
 
+def test_springs_have_numbers_of_their_own_after_the_bricks(calculix_answers):
+    """The bricks are elements 1 to 288, the springs 289 to 384, and the plastic strains
+    are printed of the 96 bricks of the top layer.
+    """
+    file = calculix_answers(2 * printed(*random_answer(1)))
+    calculix.solve(make_scene(yield_stress=2e9), OPTIONS)
+    lines = file.read_text().splitlines()
+    springs = [numbers_of(line) for line in lines_after(lines, "*ELEMENT, TYPE=GAP")]
+    assert [int(spring[0]) for spring in springs] == list(range(289, 385))
+    (upper,) = lines_after(lines, "*ELSET, ELSET=upper")
+    assert numbers_of(upper) == [1, 96, 1]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"law": "capped"},
+        {"law": "elastic", "geometry": "moved"},
+        {"law": "elastic", "approach": 1e-7},
+    ],
+)
+def test_calculix_refuses_what_its_input_file_cannot_say(options):
+    """A pressure cap, a moved mesh and a given approach are refused in a sentence."""
+    with pytest.raises(InvalidScene, match="calculix answers the laws elastic and j2"):
+        calculix.solve(make_scene(hardness=6e9), options)
+
+
+def test_an_error_in_the_log_of_calculix_counts_although_it_ends_well(
+    calculix_answers, tmp_path
+):
+    """CalculiX may print tables and end with 0 after an error, whose line is shown."""
+    calculix_answers(2 * printed(*random_answer(1)))
+    program = tmp_path / "ccx"
+    program.write_text(program.read_text() + "echo ' *ERROR in e_c3d: too large'\n")
+    with pytest.raises(NotConverged, match=r"\*ERROR in e_c3d: too large"):
+        calculix.solve(make_scene(yield_stress=2e9), OPTIONS)
+
+
 # --- public codes of capped contact --------------------------------------------------
 
 
@@ -356,3 +395,14 @@ def test_tamaas_with_flow_is_given_the_body_and_each_increment(packages, monkeyp
     assert packages["loads"] == pytest.approx([*increments])
     np.testing.assert_allclose(result.fields["pressure"], 3e8, rtol=1e-12)
     np.testing.assert_allclose(result.fields["gap"], 1e-3 * gap, rtol=1e-12)
+
+
+@pytest.mark.parametrize("solve", [contact_mechanics, tamaas])
+def test_public_codes_refuse_a_line_and_a_layer(packages, solve):
+    """Both solve half-spaces under surfaces, and neither another body nor a line."""
+    scene = make_scene()
+    line = replace(scene, surface=Surface(scene.surface.heights[0], (1.8e-3,)))
+    layer = replace(scene, body=Body("bonded_layer", 1e-3))
+    for refused in (line, layer):
+        with pytest.raises(InvalidScene, match="half-spaces under surfaces only"):
+            solve(refused)

@@ -20,6 +20,7 @@ from epcontact.harness.case_files.case import (
 from epcontact.harness.case_files.citations import PAPERS, papers_of, sources_of
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
+from epcontact.harness.verdict.verification import require_gate
 
 
 def test_case_becomes_scenes(write_case):
@@ -212,3 +213,33 @@ def test_a_citation_holds_sources_papers_and_versions(write_case):
         f"  {text}\n" in done.stdout for text in (*sources_of(case), *papers_of(case))
     )
     assert re.search(r"  numpy \d+\.\d+.* https://doi.org/10\.", done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("band", "message"),
+    [
+        ("between = [-inf, 0.5]", ""),
+        ("between = [-0.5, inf]", ""),
+        ("between = [-inf, inf]", "give it a finite end"),
+    ],
+)
+def test_a_band_may_be_open_at_one_end(write_case, band, message):
+    """One end of a band may be infinite, and the gate has it; both may not."""
+    path = write_case(("tolerance = 0.5", band))
+    if message:
+        with pytest.raises(InvalidCase, match=message):
+            load_case(path)
+        return
+    gate = load_case(path).gates[0]
+    ends = [float(word) for word in band.partition("[")[2].rstrip("]").split(",")]
+    assert [gate.low, gate.high] == ends
+
+
+def test_a_case_without_a_gate_is_refused_unless_it_is_skipped(write_case):
+    """A case that cannot run here needs no gate, another one does."""
+    case = load_case(write_case())
+    require_gate(case)
+    bare = case.changed(gates=())
+    with pytest.raises(InvalidCase, match="small has no gate to judge; add a table"):
+        require_gate(bare)
+    require_gate(bare.changed(skip="skipped: there is no program ccx"))

@@ -2,20 +2,28 @@
 release.
 """
 
+import io
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from command_line import invoke
+from rich.console import Console
 
 from epcontact.bem.areas import rim_correction
+from epcontact.cli import compare_and_accuracy
 from epcontact.harness.case_files.case import find_named, load_case
+from epcontact.harness.gates import Estimate
+from epcontact.harness.verdict import compare as comparing
 from epcontact.harness.verdict.compare import (
     CHANGE_WITHOUT_ERROR,
     RELEASE_VALUES,
     compare,
     read_values,
+    save_values,
 )
 from epcontact.harness.verdict.verification import verify
 
@@ -138,6 +146,84 @@ def test_each_change_is_counted_in_error_estimates():
         "a fast: y of m against 0 (absolute)",
         "b fast: w of m against n (relative)",
     ]
+
+
+def test_a_terminal_shows_old_and_new_of_each_change(monkeypatch):
+    """Rows have the old value, the new one and the change in error estimates, which is
+    red above 1; work has the ratio of new to old, and the last line counts.
+    """
+    comparison = compare(*changed_tables())
+    shown = io.StringIO()
+    console = Console(
+        file=shown, width=160, force_terminal=True, color_system="standard"
+    )
+    monkeypatch.setattr(compare_and_accuracy, "open_console", lambda: console)
+    compare_and_accuracy._print_comparison(comparison)
+    text = shown.getvalue()
+    is_red = {}
+    for line in text.splitlines():
+        words = re.sub(r"\x1b\[[\d;]*m", "", line).split()
+        if "of" in words and words[:1] != ["values"]:
+            is_red[words[0]] = "\x1b[1;31m" in line
+    plain = " ".join(re.sub(r"\x1b\[[\d;]*m", "", text).split())
+    assert "x of m 1 1.25 2.5" in plain
+    assert "w of m 3 3.05 0.12" in plain
+    assert is_red["x"]
+    assert is_red["z"]
+    assert not is_red["y"]
+    assert not is_red["w"]
+    assert "a fast: fft_pairs of m 8 12 1.50" in plain
+    assert (
+        "5 values compared: 2 moved beyond their claim, 2 within it; more work: 1; "
+        "seconds: 2.50 times as many" in plain
+    )
+
+
+def test_a_value_barely_beyond_its_error_is_red(monkeypatch):
+    """A change of 1.5 error estimates is beyond the error, not only one of 2."""
+    old, new = changed_tables()
+    new.loc[0, "value"] = 1.15
+    shown = io.StringIO()
+    console = Console(
+        file=shown, width=160, force_terminal=True, color_system="standard"
+    )
+    monkeypatch.setattr(compare_and_accuracy, "open_console", lambda: console)
+    compare_and_accuracy._print_comparison(compare(old, new))
+    (line,) = [line for line in shown.getvalue().splitlines() if "x of m" in line]
+    assert "\x1b[1;31m" in line.partition("1.15")[2]
+    assert "1.5" in line.partition("1.15")[2]
+
+
+def test_a_kept_table_has_no_seconds_and_the_error_of_each_reference(tmp_path):
+    """Seconds of solves differ from run to run and are not kept.  A method that is the
+    reference of a gate has a row with its own value and error estimate.
+    """
+    old, _ = changed_tables()
+    save_values(old, tmp_path / "kept.csv")
+    kept = read_values(tmp_path / "kept.csv")
+    names = set(old["name"]) - {"cost.seconds of m"}
+    assert set(kept["name"]) == names
+    estimates = [
+        Estimate(mean=mean, half_width_95=0.5, surfaces=2, claimed_error=claimed)
+        for mean, claimed in ((2.0, 0.1), (3.0, 0.2))
+    ]
+    gate = SimpleNamespace(
+        name="x of m against n (relative)",
+        quantity="x",
+        against="n",
+        low=-1.0,
+        high=1.0,
+        holds=True,
+        value=estimates[0],
+        reference=estimates[1],
+    )
+    methods = {"n": SimpleNamespace(counts={}, seconds={})}
+    case = SimpleNamespace(
+        gates=[gate], methods=methods, id="a", size="fast", scene="0123456789"
+    )
+    first, second = comparing._rows(case)
+    assert (first["value"], first["error"], first["reference"]) == (2.0, 0.1, 3.0)
+    assert (second["name"], second["value"], second["error"]) == ("x of n", 3.0, 0.2)
 
 
 def test_what_is_gone_is_told(runs, tmp_path):
