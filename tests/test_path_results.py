@@ -383,6 +383,43 @@ def test_errors_of_a_measurement_are_those_of_each_load():
     assert errors == pytest.approx([FACTOR * k * 2e-9 for k in (1, 2, 3)])
 
 
+@pytest.mark.parametrize(
+    ("method", "law", "expected"),
+    [("fem", "j2", 2.7e8), ("calculix", None, 2.7e8), ("fem", "capped", 5e8)],
+)
+def test_a_cap_stands_for_j2_flow_in_errors_of_a_measurement(
+    monkeypatch, method, law, expected
+):
+    """Differences of J2 bodies are those of a cap at 2.7 yield stresses, or above the
+    largest load; those of other bodies have their own hardness.
+    """
+    found = []
+
+    def with_errors(task, scene, hardnesses, threads, steps):
+        """Record the hardness of each load."""
+        found.append(list(hardnesses))
+        return steps
+
+    def solved(*_, **__):
+        """Return an invented result."""
+        return result_of(1.0)
+
+    monkeypatch.setattr(load_path, "load_done", lambda task: None)
+    monkeypatch.setattr(load_path, "_solve_with_hardnesses", solved)
+    monkeypatch.setattr(load_path, "_with_measurement_errors", with_errors)
+    options = {} if law is None else {"law": law}
+    case = SimpleNamespace(options={method: options}, mapped=(), conductances={})
+    task = SimpleNamespace(
+        steps_folder=None, case=case, method=SimpleNamespace(name=method)
+    )
+    change = Alternative("form", ..., (np.ones(4),))
+    surface = Surface(np.arange(4.0), (4.0,), alternatives=(change,))
+    material = Material(1e11, 0.3, hardness=5e8, yield_stress=1e8)
+    for loads, cap in (((1e8, 2e8), expected), ((1e8, 4e8), max(expected, 4.004e8))):
+        solve_path(task, Scene(surface, material, Load(loads)), 1)
+        assert found.pop() == pytest.approx([cap, cap])
+
+
 def task_of_loads(folder, **changes):
     """Return a stand-in for a task that saves its loads in a folder."""
     values = {

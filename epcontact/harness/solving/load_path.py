@@ -45,6 +45,11 @@ from epcontact.scene import Load, Scene
 #: The unit of each quantity in the field data of a .vti.
 _UNITS = {quantity.name: quantity.unit for quantity in QUANTITIES.values()}
 
+#: Mean pressure at which rough J2 bodies touch and flow, over the yield stress: 2.5 to
+#: 2.8 in `materials.hardness_map`.  It is the hardness of the boundary elements whose
+#: differences are the errors of a J2 body by the measurement of its surface.
+_CAP = 2.7
+
 #: Loads that take less time are saved together.
 _SECONDS_BETWEEN_SAVES = 1.0
 
@@ -80,7 +85,10 @@ def solve_path(
     )
     steps = list(result.steps)
     if scene.surface.alternatives:
-        steps = _with_measurement_errors(task, scene, hardnesses, threads, steps)
+        caps = hardnesses
+        if flows or task.method.name == "calculix":
+            caps = [_cap_of_flow(scene)] * len(scene.load.path)
+        steps = _with_measurement_errors(task, scene, caps, threads, steps)
     if not flows:
         steps = list(map(_with_hardness, steps, hardnesses))
     if mapped:
@@ -125,6 +133,15 @@ def _with_conductances(step: LoadStep, factors: dict[str, float]) -> LoadStep:
 # --- the errors that the measurement of the surface causes
 
 
+def _cap_of_flow(scene: Scene) -> float:
+    """Return the hardness (Pa) of boundary elements that stand for a J2 body.
+
+    It is a little above the largest load if this is larger: no smaller hardness could
+    carry it.  A body that does not flow has an infinite one.
+    """
+    return max(_CAP * scene.material.yield_stress, 1.001 * max(scene.load.path))
+
+
 def _with_measurement_errors(
     task: Task,
     scene: Scene,
@@ -142,7 +159,8 @@ def _with_measurement_errors(
     Args:
         task: the method and its options.
         scene: the scene with its complete load path, and a surface with alternatives.
-        hardnesses: the hardness of each load, in Pa.
+        hardnesses: the hardness of each load, in Pa; for a J2 body that of
+            `_cap_of_flow`.
         threads: the number of threads that the method may use.
         steps: the solved load steps of the method.
 
