@@ -14,6 +14,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import invoke
 from conftest import ROUGH, SMALL_CASE, VARIANTS
@@ -21,10 +22,14 @@ from fem_scenes import J2_CASE, MODEL_GATE
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from epcontact.errors import InvalidCase
+from epcontact import Load, Material, Scene, Surface, plot
+from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import find_named, load_case
 from epcontact.harness.case_files.text import SIZES
+from epcontact.harness.quantities.registry import measure
 from epcontact.harness.verdict import verify
+from epcontact.interface import percolation_fraction
+from epcontact.output.charts.curves import residual_history
 
 # --- mistakes in case files
 # ----------------------------------------------------------------------
@@ -639,6 +644,40 @@ def test_spoilt_result_is_not_reused(small, tmp_path):
         solves, reused = re.search(r"of (\d+), (\d+) reused", done.stderr).groups()
         assert int(reused) == int(solves) - 1, content[:40]
         assert json.loads(member.read_bytes())["key"] == changed["key"]
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda scene: plot([]), "scene is [], but must be a Scene"),
+        (lambda scene: plot(scene, 3), "result is 3, but must be a ContactResult"),
+        (lambda scene: verify(3), "cases has 3, but must be names, paths or"),
+        (lambda scene: verify("where", job=1), "no option 'job'; did you mean 'jobs'?"),
+        (lambda scene: residual_history({}), "histories are empty; give the"),
+        (
+            lambda scene: percolation_fraction(np.zeros((0, 4))),
+            "two points a direction",
+        ),
+        (lambda scene: percolation_fraction([1.0, np.nan]), "holds NaN or infinity"),
+        (lambda scene: measure("quantity.x", scene, None), "no quantity is called"),
+        (
+            lambda scene: measure("quantity.mean_gap", scene, None),
+            "quantity.mean_gap is reported by the methods, and not measured",
+        ),
+    ],
+)
+def test_public_functions_say_what_they_expected(call, sentence, tmp_path, monkeypatch):
+    """Wrong arguments of functions end in a sentence, and never in an error of Python
+    such as AttributeError; the verdict of an earlier run stays.
+    """
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "verdict.json").write_text("{}")
+    surface = Surface(np.linspace(0.0, 1e-6, 16), (1e-3,))
+    scene = Scene(surface, Material(1e11, 0.3), Load(1e8))
+    with pytest.raises(EpcontactError, match=re.escape(sentence)):
+        call(scene)
+    assert (tmp_path / "results" / "verdict.json").exists()
 
 
 def test_a_limit_of_the_address_space_is_refused_before_anything_loads(monkeypatch):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from epcontact.errors import InvalidCase
 from epcontact.interface.limit import Limit
 from epcontact.interface.runs import (
     add_points,
@@ -121,11 +122,22 @@ def percolation_fraction(closeness: NDArray[np.floating]) -> Limit:
     Returns:
         The limit; its `raw` value is that of points that connect over their sides.
 
+    Raises:
+        InvalidCase: the array has fewer than two points a direction, or numbers that
+            are not finite.
+
     Example:
         >>> percolation_fraction(np.array([[3.0, 2.0, 1.0], [0.0, -1.0, -2.0]])).raw
         0.5
     """
     values = np.ascontiguousarray(closeness, dtype=np.float64)
+    if values.ndim not in (1, 2) or min(values.shape) < 2:
+        raise InvalidCase(
+            f"closeness has the shape {values.shape}, but must be a line (nx,) or a "
+            "grid (nx, ny) of two points a direction or more"
+        )
+    if not np.isfinite(values).all():
+        raise InvalidCase("closeness holds NaN or infinity; give finite numbers")
     coarse = values[(slice(None, None, _COARSE),) * values.ndim]
     guess = _spanning_fraction(coarse, False, 0.5, 0.5)
     margin = _COARSE_MARGIN

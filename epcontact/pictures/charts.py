@@ -24,7 +24,7 @@ from epcontact.output.charts.plot import Axis, Plot, draw_table
 from epcontact.output.charts.style import PART_COLOURS
 from epcontact.pictures.loads import load_charts
 from epcontact.results import ContactResult
-from epcontact.scene import Scene, Surface
+from epcontact.scene import Scene, Surface, require_kind
 from epcontact.surfaces.power_spectrum import radial_spectrum
 from epcontact.surfaces.spectrum import density
 
@@ -52,6 +52,10 @@ def plot(scene: Scene, *results: ContactResult) -> Charts:
         "loads-areas" and others of a path, and a map "contact-METHOD" of each first
         result with fields.  `save` writes one to files.
 
+    Raises:
+        InvalidScene: if an argument is not a `Scene`, or a later one no
+            `ContactResult`.
+
     Example:
         >>> from epcontact import Load, Material, Surface, bem
         >>> wave = Surface(np.cos(2 * np.pi * np.arange(64) / 64), (50.0,))
@@ -60,8 +64,10 @@ def plot(scene: Scene, *results: ContactResult) -> Charts:
         >>> list(charts)[2:]
         ['loads-areas', 'loads-gap', 'contact-bem']
     """
+    require_kind("scene", scene, Scene)
     by_method: dict[str, list[ContactResult]] = {}
     for result in results:
+        require_kind("result", result, ContactResult)
         by_method.setdefault(result.method, []).append(result)
     hardness = scene.material.hardness
     charts = Charts()

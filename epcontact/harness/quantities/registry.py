@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 
-from epcontact.errors import InvalidCase
+from epcontact.errors import InvalidCase, nearest
 from epcontact.harness.gates import l2_distance
 from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.reference import CLOSED_FORMS
@@ -163,16 +163,19 @@ def measure_on(solved: SolvedScene, name: str) -> float:
             relative L2 distance of a field from that of the closed form FORM.
 
     Raises:
-        InvalidCase: if the result lacks what the quantity needs, or if the quantity is
-            not defined for it.
+        InvalidCase: if there is no such quantity, if the methods report it themselves,
+            if the result lacks what it needs, or if it is not defined for the result.
     """
     if name.startswith("l2."):
         _, form, field = name.split(".", 2)
         exact = CLOSED_FORMS[form].field(field, solved.scene)
         return l2_distance(solved.field(field), exact)
+    if name not in QUANTITIES:
+        raise InvalidCase(f"no quantity is called {name!r}{nearest(name, QUANTITIES)}")
     quantity_of_name = QUANTITIES[name]
     measure_it = quantity_of_name.measure
-    assert measure_it is not None, f"{name} is reported by the methods, not measured"
+    if measure_it is None:
+        raise InvalidCase(f"{name} is reported by the methods, and not measured")
     if "fields" in quantity_of_name.needs:
         solved.field("pressure")  # raises InvalidCase if it is missing
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,10 +75,14 @@ def verify(
         (True, 'holds')
     """
     has_progress = run is not None or "progress" in options
+    known = {field.name for field in fields(Run)}
+    for name in options.keys() - known:
+        raise InvalidCase(f"verify has no option {name!r}{nearest(name, known)}")
     run = replace(run or Run(), **options)
     made = RunInfo.here()
-    delete_verdict(run.folder)
+    # A case with a mistake leaves the verdict of the run before.
     loaded, methods = _load(cases, size, solver)
+    delete_verdict(run.folder)
     verdicts: dict[str, CaseVerdict] = {}
     # The lock lasts until the verdict is signed with the digest of the results.
     with notebook_bar() as bar, lock_cases(loaded, run.folder):

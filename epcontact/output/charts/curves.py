@@ -104,8 +104,11 @@ def residual_history(histories: Mapping[str, ArrayLike]) -> Chart:
         histories: the dimensionless residual after each iteration, by method.
 
     Raises:
+        InvalidCase: if there is no history.
         ValueError: if no residual is a finite number.
     """
+    if not histories:
+        raise InvalidCase("histories are empty; give the residuals of a method by name")
     tables = []
     longest = 1
     for method, residuals in histories.items():
