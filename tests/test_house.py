@@ -42,7 +42,7 @@ TOKENS = {
     "epcontact.errors": 517,
     "epcontact.files": 1_086,
     "epcontact.harness": 44_534,
-    "epcontact.interface": 4_303,
+    "epcontact.interface": 4_348,
     "epcontact.machine": 1_550,
     "epcontact.materials": 1_664,
     "epcontact.output": 17_343,

@@ -170,7 +170,8 @@ def _with_midpoints(values: NDArray[np.float64]) -> NDArray[np.float64]:
         values: (nx, ny) or (nx,), periodic, in any unit.
     """
     if values.ndim == 1:
-        return _midpoints_along_rows(values[None])[0]
+        finer_line: NDArray[np.float64] = _midpoints_along_rows(values[None])[0]
+        return finer_line
     rows, columns = values.shape
     finer = np.empty((2 * rows, 2 * columns))
     step = max(1, _BLOCK_POINTS // columns)
