@@ -145,19 +145,22 @@ def test_every_shipped_case_reads_at_every_size_and_cites_papers():
     assert {name for paper in PAPERS for name in paper.methods} == own
 
 
-COUNTERFACE = "\n[counterface]\nyoung_modulus = 100.0e9\npoisson_ratio = 0.3\n"
+COUNTERFACE = "\n[counterface]\nyoung_modulus = 70.0e9\npoisson_ratio = 0.2\n"
 
 
 def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
-    """Two equal bodies are half as stiff, and two rough ones have sqrt(2) times the rms
-    slope.
+    """Compliances of two unlike bodies add, Poisson's ratio is that of the first, and
+    two rough ones have sqrt(2) times the rms slope.
 
     Grids that differ, layers and unknown keys of a counterface raise `InvalidCase`.
     """
     alone, twin = (load_case(write_case(more=m)) for m in ("", COUNTERFACE))
-    half = replace(twin.material, young_modulus=2 * twin.material.young_modulus)
-    assert half.young_modulus == pytest.approx(alone.material.young_modulus, rel=1e-15)
-    assert replace(half, young_modulus=100e9) == alone.material
+    modulus = 1 / ((1 - 0.3**2) / 100e9 + (1 - 0.2**2) / 70e9)
+    assert twin.material.young_modulus == pytest.approx((1 - 0.3**2) * modulus)
+    assert replace(twin.material, young_modulus=100e9) == alone.material
+    assert twin.two_bodies["young_modulus"]["value"] == 100e9
+    words = twin.two_bodies["counterface"]["value"]
+    assert words.startswith("flat elastic half-space, E = 7e+10 Pa, nu = 0.2; the hard")
     assert twin.recipes == alone.recipes
     rough = (
         COUNTERFACE
@@ -176,8 +179,9 @@ def test_a_counterface_makes_one_scene_of_two_bodies(write_case):
     )
     assert surface.rms_slope == pytest.approx(math.hypot(*each), rel=0.1)
     assert both.digest(both.recipes[0]) == both.scene(both.recipes[0]).digest
+    assert [both.recipes[0].first.seed, both.recipes[0].second.seed] == [3, 13]
     assert (
-        "rough elastic half-space, E = 1e+11 Pa"
+        "rough elastic half-space, E = 7e+10 Pa"
         in both.two_bodies["counterface"]["value"]
     )
     coarse = rough.replace("period = 1", "period = 2")
