@@ -227,8 +227,11 @@ def require_writable(folder: Path | str) -> None:
 def read_bytes(path: Path | str, count: int = -1) -> bytes:
     """Return the first `count` bytes of the file `path`, or all if `count` is -1.
 
-    Raises OutputError if the file cannot be read.
+    Raises OutputError if the file cannot be read, or is a pipe or a device, which may
+    never end.
     """
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
+        raise OutputError(f"cannot read {path}: it is a device or pipe, not a file")
     try:
         with Path(path).open("rb") as file:
             return file.read(count)

@@ -257,3 +257,20 @@ def test_results_of_another_kind_are_one_sentence(results):
     file.write_text(json.dumps(data))
     forge(results)
     require_refusal(results, "bem.json holds no results of this version")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("command", ["report", "compare"])
+def test_a_pipe_or_a_device_instead_of_a_verdict_is_not_read(tmp_path, command):
+    """A pipe that nobody writes, and a device that never ends, are refused at once."""
+    for name, create in (
+        ("pipe", os.mkfifo),
+        ("zero", lambda path: path.symlink_to("/dev/zero")),
+    ):
+        folder = tmp_path / name
+        folder.mkdir()
+        create(folder / "verdict.json")
+        done = invoke(command, folder)
+        assert done.returncode == 2
+        assert "it is a device or pipe, not a file" in done.stderr
+        assert done.stderr.count("\n") == 1
