@@ -40,7 +40,7 @@ TOKENS = {
     "epcontact.cli": 13_169,
     "epcontact.crosscheck": 3_203,
     "epcontact.errors": 517,
-    "epcontact.files": 1_086,
+    "epcontact.files": 1_122,
     "epcontact.harness": 44_534,
     "epcontact.interface": 4_348,
     "epcontact.machine": 1_550,
