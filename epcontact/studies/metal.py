@@ -84,13 +84,19 @@ class _Response(NamedTuple):
     shortest: float
 
 
-@study("metal", severities=(3.0, 5.0, 15.0, 50.0), seeds=range(101, 105))
+@study(
+    "metal",
+    severities=(3.0, 5.0, 15.0, 50.0),
+    seeds=range(101, 105),
+    nodes_per_wavelength=12,
+    waves=8,
+)
 def metal(
     say: Say,
     severities: Sequence[float] = (5.0, 50.0),
     seeds: Ints = (101, 102),
-    nodes_per_wavelength: int = 12,
-    waves: int = 8,
+    nodes_per_wavelength: int = 6,
+    waves: int = 4,
 ) -> Charts:
     """Errors of the theory and of boundary elements that replace a J2 metal by a cap.
 
