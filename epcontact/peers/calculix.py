@@ -389,7 +389,7 @@ def _run_ccx(text: str, folder: Path) -> tuple[list[FloatArray], int]:
         words = line.split()
         if not words:
             continue
-        if words[0].lstrip("-").isdigit():
+        if words[0].isdigit():
             tables[-1].append([float(word) for word in words])
         else:  # the heading of the next table
             tables.append([])
