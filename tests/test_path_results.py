@@ -499,3 +499,45 @@ def test_fields_stay_beside_their_own_result_alone(tmp_path, monkeypatch):
         saved.save_result(saved_task, tmp_path, result_of(1.0))
         left.append((file.exists(), steps.exists()))
     assert left == [(True, True), (True, True), (False, False)]
+
+
+def test_each_load_is_measured_on_the_path_up_to_it(monkeypatch):
+    """After each solved load the scene that is measured ends at this load, also after
+    loads that an earlier run has solved.
+    """
+    measured = []
+
+    def measure_load(task, scene, result, threads):
+        """Record the path of the scene and the loads of the result."""
+        measured.append((scene.load.path, len(result.steps)))
+        return result.final
+
+    monkeypatch.setattr(load_path, "measure_load", measure_load)
+    heights = np.linspace(0.0, 1e-6, 16).reshape(4, 4)
+    scene = Scene(Surface(heights, (1.0, 1.0)), Material(1e11, 0.3), Load(LOADS))
+    path = SimpleNamespace(load=Load(LOADS))
+    task = SimpleNamespace(
+        method=METHODS["bem"], case=path, peak_file=None, steps_folder=None
+    )
+    first, *others = result_of(1.0).steps
+    before = load_path._Before((), (first,), (), None)
+    observer = load_path._LoadObserver(task, scene, 1, before)
+    for count in (1, 2):
+        observer(replace(result_of(1.0), steps=tuple(others[:count])))
+    assert measured == [(LOADS[:2], 2), (LOADS, 3)]
+    assert [step.mean_pressure for step in observer.steps] == list(LOADS[1:])
+
+
+def test_a_saved_result_of_unknown_code_is_not_used_again(tmp_path, monkeypatch):
+    """The code of a user's solver may have changed, even under the same key."""
+    monkeypatch.setattr(saved, "key_of", lambda task: "key")
+    (tmp_path / "small.toml").write_text(SMALL_CASE)
+    case = load_case(tmp_path / "small.toml")
+    task = next(
+        task for task in tasks_of(case, Run(tmp_path)) if task.method.name == "bem"
+    )
+    result = result_of(1.0)
+    saved.save_result(task, tmp_path, result)
+    assert saved.load_saved(task, tmp_path) == result
+    mine = replace(METHODS["bem"], source="mine:solve")
+    assert saved.load_saved(replace(task, method=mine), tmp_path) is None

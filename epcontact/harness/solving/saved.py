@@ -83,7 +83,6 @@ def key_of(task: Task) -> str:
     """Return the SHA-256 of everything that the result of a task depends on."""
     content = {
         "scene": task.case.digest(task.recipe),
-        "size": task.case.size,
         "method": task.method.name,
         "options": repr(sorted(task.case.options[task.method.name].items())),
         "columns": sorted(task.case.head.columns),
