@@ -177,8 +177,13 @@ def test_verify(metals, check_screen):
 
 
 def test_report(metals, check_screen):
-    """The page has its saved words; the quantities that no gate reads are left out."""
+    """The page has its saved words; the quantities that no gate reads are left out.
+
+    Its headline has the colour of a case that falls short.
+    """
     page = tree_of(metals.home / "report.html")
+    (headline,) = page.iter("h1")
+    assert headline.get("class") == "verdict bad"
     texts = []
     for element in page.iter():
         is_note = element.get("class") == "note"

@@ -26,6 +26,7 @@ from conftest import SMALL_CASE
 
 import epcontact
 from epcontact import bem
+from epcontact.cli.tables import _gate_row
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Estimate, GateVerdict
 from epcontact.harness.quantities.registry import QUANTITIES
@@ -629,6 +630,18 @@ def case_of(number):
 def verdict():
     """Return a `Verdict` on three cases, one of each status in STATUSES."""
     return Verdict.on([case_of(number) for number in range(3)], "fast")
+
+
+def test_a_row_of_a_gate_has_its_numbers_in_per_cent_and_all_claims():
+    """A row on the terminal has value, reference, and the difference in per cent.
+
+    The number behind its ± is the half-width of the gate, 0.029 * 1.9, and not that of
+    the scatter of the surfaces, 0.0156 * 1.9.
+    """
+    row = [str(cell) for cell in _gate_row(gate(1, "holds"))]
+    assert row[:3] == ["quantity.q1", "of1", "against1"]
+    assert row[3:5] == ["0.19 ± 0.021", "0.4503 ± 0.025"]
+    assert row[5:] == ["+71.06 % ± 5.51 %", "-4.10 % … +6.00 %", "holds"]
 
 
 def result_of_seed(seed):
