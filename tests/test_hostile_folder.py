@@ -6,6 +6,7 @@ beside it, a folder `private` whose files must neither be read, changed nor dele
 """
 
 import base64
+import errno
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ import conftest
 import pytest
 from command_line import invoke
 
+from epcontact import files
 from epcontact.harness.verdict import verify
 from epcontact.harness.verdict.digest import digest_of
 
@@ -274,3 +276,16 @@ def test_a_pipe_or_a_device_instead_of_a_verdict_is_not_read(tmp_path, command):
         assert done.returncode == 2
         assert "it is a device or pipe, not a file" in done.stderr
         assert done.stderr.count("\n") == 1
+
+
+def test_a_report_into_a_folder_that_is_read_only_is_refused(results, monkeypatch):
+    """A file system that lets no file be made, as in a container, is one sentence."""
+
+    def refuse(prefix, dir):
+        """Raise what the system raises on a file system that is read-only."""
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), dir)
+
+    monkeypatch.setattr(files.tempfile, "mkdtemp", refuse)
+    done = invoke("report", results)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"epcontact: cannot write {results}: read-only file")

@@ -15,6 +15,7 @@ from epcontact.harness.case_files.mistakes import key_table
 from epcontact.harness.solving import saved
 from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.scene import (
+    Alternative,
     Body,
     Load,
     Material,
@@ -386,3 +387,18 @@ def test_every_field_of_a_scene_is_in_its_digest(name):
         values["hardening_modulus"] = 0.0
     changed = replace(getattr(scene, part.lower()), **values)
     assert replace(scene, **{part.lower(): changed}).digest != scene.digest
+
+
+def test_changed_heights_of_a_map_have_a_recipe_of_their_own():
+    """The surface with the heights that a measurement leaves open is another one than
+    the map, also if that has a recipe, and so is one by another source of error.
+    """
+    heights = np.linspace(0.0, 1e-6, 48).reshape(6, 8)
+    for recipe in ("", "a map"):
+        surface = Surface(heights, (1e-3, 1e-3), recipe=recipe)
+        found = {surface.fingerprint}
+        for source in ("form", "missing"):
+            change = np.full(heights.shape, 1e-9)
+            changed = Alternative(source, ..., (change,)).applied_to(surface)
+            found.add(changed.fingerprint)
+        assert len(found) == 3

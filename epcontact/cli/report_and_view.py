@@ -9,6 +9,7 @@ import click
 
 from epcontact.cli.main import print_text
 from epcontact.cli.progress import show_progress
+from epcontact.files import require_writable
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.overview import overview
 from epcontact.output import view as viewing
@@ -23,6 +24,7 @@ def report(folder: Path, output: Path | None) -> None:
     The arguments are those of `commands.report`.
     """
     verdict = Verdict.read(folder / "verdict.json")
+    require_writable(folder)  # before pictures are drawn into it
     with show_progress("report") as progress:
         page = report_folder(
             folder,
