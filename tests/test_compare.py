@@ -142,10 +142,30 @@ def test_each_change_is_counted_in_error_estimates():
     assert comparison.exit_code == 1
     assert comparison.time == pytest.approx(5.0 / 2.0)
     assert [*comparison.slower["name"]] == ["cost.fft_pairs of m"]
+    assert comparison.notes[comparing.NO_LONGER_HOLDS] == [
+        "b fast: w of m against n (relative)"
+    ]
     assert comparison.notes["in a wider band"] == [
         "a fast: y of m against 0 (absolute)",
         "b fast: w of m against n (relative)",
     ]
+
+
+def test_a_value_without_an_error_may_change_by_a_hundredth_of_its_band():
+    """In an absolute gate a hundredth of the band's half-width counts, here 0.005."""
+    columns = {
+        "case": "a",
+        "size": "fast",
+        "name": "u of m against 0.2 (absolute)",
+        "scene": "",
+        "status": "",
+        "error": np.nan,
+        "low": -0.5,
+        "high": 0.5,
+        "reference": 0.2,
+    }
+    old, new = (pd.DataFrame([columns | {"value": v}]) for v in (0.2, 0.201))
+    assert compare(old, new).moved["moved"].item() == pytest.approx(0.2)
 
 
 def test_a_terminal_shows_old_and_new_of_each_change(monkeypatch):
