@@ -305,7 +305,7 @@ class _Path:
             step = _load_step(self.scene, surface, self.options.threads)
             if self.coarse:
                 coarse = self.coarse[len(steps)]
-                step = with_resolution_error(step, coarse, self.weight)
+                step = with_resolution_error(step, coarse, self.weight, hardness)
             steps.append(step)
             for name in pairs:
                 pairs[name] += surface.solution.counts[name]

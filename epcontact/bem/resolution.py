@@ -101,21 +101,29 @@ def every_second_point(surface: Surface) -> tuple[Surface, Any]:
     return coarse, points
 
 
-def with_resolution_error(step: LoadStep, coarse: LoadStep, weight: float) -> LoadStep:
+def with_resolution_error(
+    step: LoadStep, coarse: LoadStep, weight: float, hardness: float
+) -> LoadStep:
     """Return a load step whose errors by the grid hold for creases, too.
 
     Args:
         step: the step on the grid, with areas "corrected" and "error".
         coarse: the step at the same load at every second point.
         weight: the fraction of the differences that is added, in squares.
+        hardness: in Pa, may be infinite; the contact is at least the load over it, and
+            its plastic part at most, so that no error need reach beyond these bounds.
     """
     error = step.areas["error"]
     corrected = step.areas["corrected"]
     coarse_areas = coarse.areas["corrected"]
+    carried = step.mean_pressure / hardness
+    bounds = {"total": (carried, 1.0), "elastic": (0.0, 1.0), "plastic": (0.0, carried)}
     errors = {}
     for part, area in vars(corrected).items():
         change = weight * (area - getattr(coarse_areas, part))
-        errors[part] = math.hypot(getattr(error, part), change)
+        least, most = bounds[part]
+        farthest = max(area - least, most - area, getattr(error, part))
+        errors[part] = min(math.hypot(getattr(error, part), change), farthest)
     quantities = dict(step.quantities)
     change = weight * (quantities["mean_gap"] - coarse.quantities["mean_gap"])
     name = "mean_gap_error_by_grid"
