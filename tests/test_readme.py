@@ -205,7 +205,7 @@ def test_a_measured_map_as_the_readme_says(home, monkeypatch):
     heights = 0.1 * np.sin(0.9 * x) * np.cos(1.1 * y) + 0.02 * x - 0.01 * y
     heights[3:5, 7] = np.nan
     np.savetxt(home / "map.txt", heights, delimiter=";")
-    (words,) = re.findall(r"`epcontact (new map\.txt[^`]*)`", README)
+    (words,) = re.findall(r"`epcontact (new map\.txt [^`]+)`", README)
     monkeypatch.chdir(home)
     assert invoke(*words.split()).returncode == 0
     case = (home / "map.toml").read_text()

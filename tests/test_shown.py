@@ -942,7 +942,8 @@ def test_known_differences_are_set_apart_from_those_that_should_be_zero():
     assert rows == [(pair, "total area", "a"), ("known differences", pair, "c")]
     assert seen["largest_differences"] == (
         f"largest difference of total area: 4 % ({pair}); "
-        f"1 gate expects a known difference: up to 30 % ({pair}, case c)"
+        "1 gate expects a difference that the case explains, such as that of a theory "
+        f"outside its range: up to 30 % ({pair}, case c)"
     )
     words = {row["case"]: row["words"] for row in seen["tightest"]}
     assert [case for case in words if "known difference" in words[case]] == ["c"]

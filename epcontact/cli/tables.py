@@ -118,17 +118,21 @@ def print_summary(console: Console, verdict: Verdict) -> None:
     elif verdict.exit_code == 0:
         style = STYLES["skipped"]
     console.print(text_of(headline(verdict), f"bold {style}"))
-    for sentence in (evidence(verdict), largest_differences(verdict)):
+    has_gates = any(case.gates for case in verdict.cases)
+    meaning = (
+        "a gate holds if a difference, with its 95 % interval, lies in the band that "
+        "is allowed; margin: the band over both, measured from its middle"
+    )
+    for sentence in (
+        meaning if has_gates else "",
+        evidence(verdict),
+        largest_differences(verdict),
+    ):
         if sentence:
             print_sentence(console, sentence)
-    if any(case.gates for case in verdict.cases):
+    if has_gates:
         console.print()
         console.print(_tightest_table(verdict, console.width))
-        print_sentence(
-            console,
-            "margin: the band over the difference with its 95 % interval; 1 or more "
-            "holds",
-        )
     table = _agreement_table(verdict, console.width)
     if table.row_count:
         console.print()

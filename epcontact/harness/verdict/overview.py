@@ -494,7 +494,8 @@ def largest_differences(verdict: Verdict) -> str:
         worst = max(known, key=lambda row: row.largest)
         verb = "expects" if count == 1 else "expect"
         sentences.append(
-            f"{_count(count, 'gate')} {verb} a known difference: up to "
+            f"{_count(count, 'gate')} {verb} a difference that the case explains, such "
+            "as that of a theory outside its range: up to "
             f"{difference_text(worst.largest)} ({worst.quantity}, case {worst.case})"
         )
     return "; ".join(sentences)
@@ -516,7 +517,8 @@ def uncovered_sentence(verdict: Verdict) -> str:
     if left_out:
         verb = "is" if left_out == 1 else "are"
         parts.append(
-            f"{_count(left_out, 'gate')} {verb} left out at size {verdict.size}"
+            f"{_count(left_out, 'gate')} {verb} judged at another size than "
+            f"{verdict.size}"
         )
     unread = len(_uncovered(verdict))
     if unread:
