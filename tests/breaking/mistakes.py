@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from junitparser import Skipped
 from scipy.ndimage import label
-from scipy.special import erf, erfc, itj0y0
+from scipy.special import erf, erfc, j0, j1, struve
 
 from epcontact.bem import driver
 from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
@@ -281,7 +281,10 @@ def without_images(symbol, scene):
     modulus = effective_modulus(scene.material)
     compliance = symbol.values
     wavenumber = 1 / modulus / np.where(compliance > 0, compliance, np.inf)
-    near = compliance * itj0y0(scene.surface.periods[0] * wavenumber)[0]
+    # The integral by Struve's functions: scipy's own, itj0y0, is wrong in scipy 1.15.
+    x = scene.surface.periods[0] * wavenumber
+    curved = j1(x) * struve(0, x) - j0(x) * struve(1, x)
+    near = compliance * x * (j0(x) + np.pi / 2 * curved)
     return Symbol(near, symbol.rows, symbol.shape)
 
 
