@@ -53,7 +53,7 @@ COMMANDS = {
 #: Examples at the end of the help of each command.
 EXAMPLES = {
     "accuracy": ("accuracy results/accuracy-elastic",),
-    "chart": ("chart", "chart validity", "chart cost --full"),
+    "chart": ("chart", "chart validity", "chart speed --full"),
     "cite": ("cite paper-elastoplastic",),
     "compare": ("compare results", "compare old/verdict.json results"),
     "crosscheck": ("crosscheck fem-elastic",),

@@ -59,6 +59,9 @@ COUNTED = 0.129
 POINTS = 0.0728
 #: The error estimate in standard deviations: nine of ten normal errors are smaller.
 SURE = 1.645
+# The area of a round contact of so many points may be any below the estimated one: four
+# points around a summit say no more than one on it.
+_AROUND_A_SUMMIT = 4
 _ROUNDING = 1 - 1e-12  # a pressure above this fraction of the hardness is plastic
 # Rows and columns of a block that is swept at a time.
 _ROWS = 64
@@ -227,8 +230,8 @@ def areas_of_sums(
     """Return the corrected areas and their errors, as fractions of the nominal area.
 
     Args:
-        sums: over the fronts.  If the grid holds several copies of a shorter period,
-            the sums are those of one copy, because copies have equal errors.
+        sums: over the fronts.  If the grid holds several copies of a shorter period
+            or mirror images, the sums are those of one, because they have equal errors.
         load: mean pressure over hardness.
         cells: number of cells (of one grid point each) of which the sums are.
         aspect: dx/dy.
@@ -245,6 +248,8 @@ def areas_of_sums(
     unseen = (zones**2 + sums.gap_squares) / SURE**2 + sums.crease_area**2
     if cells > 1:  # nothing is known of the area of a lone point
         unseen += (areas * (sums.points == 1)) ** 2
+    if 1 < contact <= _AROUND_A_SUMMIT and sums.turn[0] > 0:
+        unseen[0] += (areas[0] / SURE) ** 2
     return _possible(areas / cells, (covariance + np.diag(unseen)) / cells**2, load)
 
 
@@ -354,10 +359,13 @@ def _balance(
 
 
 def copies(pressure: FloatArray) -> int:
-    """Return how many copies of its shortest period a periodic field holds.
+    """Return how many copies of its smallest part a periodic field holds.
 
-    pressure: (nx, ny).  Only periods of whole points are found.  Two copies may differ
-    at a point by the fraction ALIKE of the range of the pressure.
+    Copies are periods of whole points, and mirror images in the middle of the field, as
+    a map that was mirrored at its edges has them.
+
+    pressure: (nx, ny).  Two copies may differ at a point by the fraction ALIKE of the
+    range of the pressure.
     """
     allowed = ALIKE * float(pressure.max() - pressure.min())
     count = 1
@@ -372,6 +380,9 @@ def copies(pressure: FloatArray) -> int:
             ):
                 count *= repeats
                 break
+        is_constant = _repeats(rows, peak, 1, allowed)
+        if not is_constant and _is_mirrored(rows, allowed):
+            count *= 2
     return count
 
 
@@ -385,4 +396,14 @@ def _repeats(rows: FloatArray, first: int, step: int, allowed: float) -> bool:
     return all(
         np.abs(rows[i % n] - rows[i % n - step]).max() <= allowed
         for i in range(first, first + n)
+    )
+
+
+def _is_mirrored(rows: FloatArray, allowed: float) -> bool:
+    """Return True if the first half of the rows is the mirror image of the second one.
+
+    rows: (n, m); allowed: largest difference at a point.
+    """
+    return all(
+        np.abs(rows[i] - rows[-1 - i]).max() <= allowed for i in range(len(rows) // 2)
     )

@@ -27,7 +27,8 @@ from epcontact.scene import Load, Scene
 #: second at most on so many.
 _MOST_POINTS = 2**18
 #: A mistake is named only if its results are so many times closer than correct ones.
-_TIMES_CLOSER = 5.0
+#: Results of an unrelated mistake can be eight times closer.
+_TIMES_CLOSER = 10.0
 #: The largest relative difference from the results of a mistake that is named.
 _CLOSE = 0.05
 #: Relative difference of a reported value that is mentioned.
