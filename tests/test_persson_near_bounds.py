@@ -307,6 +307,22 @@ def test_what_the_rule_does_not_have_is_refused():
         replace(theory, roughness=flat).stress_state(0.05)
 
 
+@pytest.mark.parametrize("pressure", [0, -1.0, 0.6, math.nan, "much", [0.1]])
+def test_a_pressure_out_of_range_is_one_sentence(pressure):
+    """A mean pressure that is no number from 0 to the hardness of 0.6 is refused."""
+    theory = Theory(ROUGH, 2.0, EnergyReduction(0.385, "near_bounds"), hardness=0.6)
+    with pytest.raises(InvalidScene, match=r"^mean_pressure is .* but must"):
+        theory.contact_areas(pressure)
+
+
+@pytest.mark.parametrize("field", ["effective_modulus", "hardness"])
+def test_a_theory_of_a_body_without_stiffness_is_refused(field):
+    """A modulus or a hardness that is not positive is refused by its name."""
+    theory = Theory(ROUGH, 2.0, EnergyReduction(0.385, "constant"), hardness=0.6)
+    with pytest.raises(InvalidScene, match=f"^{field} is -1"):
+        replace(theory, **{field: -1.0})
+
+
 def test_light_roughness_leaves_full_contact_and_the_breadth_is_a_mean_wave_number():
     """Light roughness leaves full contact.
 

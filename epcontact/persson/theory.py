@@ -37,7 +37,14 @@ from epcontact.persson.reduction import (
 )
 from epcontact.persson.roughness import Roughness, SpectrumKind, roughness_of
 from epcontact.results import FloatArray
-from epcontact.scene import Scene, array, check_loading, integer, require_kind
+from epcontact.scene import (
+    Scene,
+    array,
+    check_loading,
+    integer,
+    positive,
+    require_kind,
+)
 
 #: An elastic distribution is tabulated up to the mean pressure + 12 sqrt(G), where it
 #: has fallen by exp(-12^2 / 4) = 2e-16.
@@ -169,6 +176,11 @@ class Theory:
     reduction: EnergyReduction
     hardness: float = math.inf
 
+    def __post_init__(self) -> None:
+        """Raise InvalidScene if a modulus or hardness is not a positive number."""
+        positive("effective_modulus", self.effective_modulus, "Pa")
+        positive("hardness", self.hardness, "Pa", finite=False)
+
     @classmethod
     def of_scene(
         cls,
@@ -230,7 +242,6 @@ class Theory:
             variance = self.roughness.slope_variance_up_to(zeta * self.roughness.lowest)
         tau = full_contact_diffusion(self.effective_modulus, variance)
         if self.reduction.rule == "near_bounds":
-            areas(0.0, mean_pressure, self.hardness)  # checks the pressure
             return tau
         return reduced_diffusion(self.reduction, tau, mean_pressure, self.hardness)
 
@@ -317,8 +328,10 @@ class Theory:
             resolution: Nodes and steps, see `persson.near_bounds.RESOLUTION`.
 
         Raises:
-            InvalidScene: The surface is flat.
+            InvalidScene: The surface is flat, or the pressure is out of range.
         """
+        positive("mean_pressure", mean_pressure, "Pa")
+        areas(0.0, mean_pressure, self.hardness)  # checks that it is below the hardness
         if self.roughness.rms_slope == 0:
             raise InvalidScene(
                 "the surface is flat, but the rule 'near_bounds' needs slopes"
