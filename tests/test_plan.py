@@ -468,4 +468,6 @@ def test_a_plan_of_a_map_has_the_errors_that_run_reports(monkeypatch, tmp_path):
     assert area["parts"].keys() == words.keys()
     for part, error in area["parts"].items():
         found = float(re.search(rf"{words[part]} (\S+) %", line)[1])
-        assert found == pytest.approx(100 * error / area["mean"], rel=0.06)
+        # Below 0.001 % is what the two solves are apart by their tolerance.
+        expected = pytest.approx(100 * error / area["mean"], rel=0.06, abs=1e-3)
+        assert found == expected
