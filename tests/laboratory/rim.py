@@ -291,7 +291,7 @@ def _fit(features, biases):
 
 def spheres(shape, radius, seed, shifts):
     """Yield the sums over the contact's boundary of a sphere at random places, and its
-    exact contact area in cells, by Hertz.
+    exact contact area in cells, by Hertz; those of one part where the parts are alike.
 
     The square has side 1 and `shape` points, the contact the given radius, and `shifts`
     is the number of places.
@@ -300,8 +300,9 @@ def spheres(shape, radius, seed, shifts):
     exact = math.pi * bumps.sphere_contact_radius_periodic(force, 1.0, 1.0, 1.0) ** 2
     for shift in np.random.default_rng(seed).uniform(size=(shifts, 2)):
         x, y = ((np.arange(n) + s) / n - 0.5 for n, s in zip(shape, shift, strict=True))
-        sums = sums_of_fronts(*solution(-(x[:, None] ** 2 + y**2) / 2, force))[0]
-        yield grid.Sums(*(a[0] for a in sums)), exact * shape[0] * shape[1]
+        sphere = solution(-(x[:, None] ** 2 + y**2) / 2, force)
+        sums, _, cells, _ = sums_of_fronts(*sphere)
+        yield grid.Sums(*(a[0] for a in sums)), exact * cells
 
 
 def calibrate_corner(radius=5.0, shifts=24):
