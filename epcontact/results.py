@@ -337,6 +337,11 @@ class ContactResult:
         return self.steps[-1]
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether a solver from outside the package gave the result."""
+        return "solver" in self.provenance.options
+
+    @property
     def branches(self) -> tuple[str, ...]:
         """The branch of each load step: "loading", "unloading" or "reloading".
 

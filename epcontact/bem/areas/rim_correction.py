@@ -368,22 +368,30 @@ def copies(pressure: FloatArray) -> int:
     range of the pressure.
     """
     allowed = ALIKE * float(pressure.max() - pressure.min())
-    count = 1
-    for rows in (pressure, pressure.T):
-        peak = int(rows.max(axis=1).argmax())
-        for period in range(1, len(rows) // 2 + 1):
-            repeats = len(rows) // period
-            # What hardly changes from one row to the next changes in half of them.
-            farthest = repeats // 2 * period
-            if len(rows) % period == 0 and all(
-                _repeats(rows, peak, step, allowed) for step in (period, farthest)
-            ):
-                count *= repeats
-                break
-        is_constant = _repeats(rows, peak, 1, allowed)
-        if not is_constant and _is_mirrored(rows, allowed):
-            count *= 2
-    return count
+    return _copies_along(pressure, allowed) * _copies_along(pressure.T, allowed)
+
+
+def _copies_along(rows: FloatArray, allowed: float) -> int:
+    """Return how many copies of its smallest part a field holds along its first axis.
+
+    rows: (n, m) of a periodic field; allowed: largest difference at a point.
+    """
+    peak = int(rows.max(axis=1).argmax())
+    periods = 1
+    for period in range(1, len(rows) // 2 + 1):
+        repeats = len(rows) // period
+        # What hardly changes from one row to the next changes in half of them.
+        farthest = repeats // 2 * period
+        if len(rows) % period == 0 and all(
+            _repeats(rows, peak, step, allowed) for step in (period, farthest)
+        ):
+            periods = repeats
+            break
+    # Where little changes in one step, the image beside the middle cannot be told.
+    hardly_changes = _repeats(rows, peak, 1, allowed)
+    if not hardly_changes and _is_mirrored(rows, allowed):
+        return 2 * periods
+    return periods
 
 
 def _repeats(rows: FloatArray, first: int, step: int, allowed: float) -> bool:

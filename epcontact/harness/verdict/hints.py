@@ -56,7 +56,7 @@ def with_hints(case: CaseVerdict) -> CaseVerdict:
     sentences: list[str] = []
     for name, method in case.results.items():
         for result in method.results[:1]:
-            if "solver" not in result.provenance.options:
+            if not result.is_foreign:
                 continue
             sentences += [f"{name} {words}" for words in _differing_reports(result)]
             scene = case.case.scene(case.case.recipes[0])

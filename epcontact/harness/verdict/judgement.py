@@ -621,8 +621,7 @@ def _is_of_points(results: MethodResults) -> bool:
     Their errors come from the same grid, so that they are not independent.
     """
     return all(
-        result.method == "bem" or "solver" in result.provenance.options
-        for result in results.results
+        result.method == "bem" or result.is_foreign for result in results.results
     )
 
 

@@ -106,10 +106,11 @@ def verify(
 
 def _has_foreign_solver(case: CaseVerdict) -> bool:
     """Return whether a result of a case is by a solver from outside the package."""
-    for method in case.results.values():
-        if any("solver" in each.provenance.options for each in method.results[:1]):
-            return True
-    return False
+    return any(
+        result.is_foreign
+        for method in case.results.values()
+        for result in method.results[:1]
+    )
 
 
 def _counted(bar: OnProgress) -> Progress:
