@@ -81,3 +81,12 @@ def test_the_contract_itself_imports_numpy_and_the_standard_library_alone():
         if name == "results":
             packages.discard("pandas")  # imported when a user asks for a table
         assert packages <= allowed, name
+
+
+def test_the_plain_elements_import_nothing_of_the_fast_ones():
+    """The module that defines the problem knows no other module of fem_check."""
+    modules = imported_modules((PACKAGE / "plain.py").read_text())
+    assert {package_of(module) for module in modules} == {
+        *("__future__", "collections", "dataclasses", "functools", "math", "typing"),
+        *("numpy", "scipy", "skfem", "epcontact"),
+    }

@@ -3,9 +3,6 @@ on top.
 """
 
 import ast
-import io
-import tokenize
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -30,50 +27,9 @@ FLOORS = (
     {"epcontact.cli"},
     {"epcontact.__main__"},
 )
-#: Tokens of code in each room (see `tokens_of_code`), and how much more a room may
-#: hold. A change that needs more takes something out of its room, or says in its commit
-#: why the room grows and raises the number.
-TOKENS = {
-    "epcontact": 148,
-    "epcontact.alternatives": 900,
-    "epcontact.bem": 30_582,
-    "epcontact.cli": 13_169,
-    "epcontact.crosscheck": 3_203,
-    "epcontact.errors": 517,
-    "epcontact.files": 1_122,
-    "epcontact.harness": 44_534,
-    "epcontact.interface": 4_348,
-    "epcontact.machine": 1_550,
-    "epcontact.materials": 1_664,
-    "epcontact.output": 17_343,
-    "epcontact.peers": 5_291,
-    "epcontact.notebook": 308,
-    "epcontact.persson": 16_027,
-    "epcontact.pictures": 4_517,
-    "epcontact.planning": 5_378,
-    "epcontact.reference": 7_272,
-    "epcontact.results": 2_180,
-    "epcontact.scene": 4_392,
-    "epcontact.studies": 25_087,
-    "epcontact.surfaces": 20_823,
-    "fem_check": 29_299,
-    "lines of saved screens": 629,
-    "tests": 167_614,
-    "tests/laboratory": 33_866,
-}
-SLACK = 0.03
 #: Imports of the project inside functions, each with its reason beside it; fewer is
 #: better.
 DEFERRED = 15
-
-#: What is counted as code, and what can hold a docstring.
-COUNTED = (tokenize.NAME, tokenize.NUMBER, tokenize.STRING, tokenize.OP)
-COUNTED += tuple(
-    getattr(tokenize, name)
-    for name in ("FSTRING_START", "FSTRING_MIDDLE", "FSTRING_END")
-    if hasattr(tokenize, name)  # from Python 3.12 on
-)
-DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 FILES = sorted([*ROOT.glob("epcontact/**/*.py"), *ROOT.glob("fem_check/**/*.py")])
 
@@ -191,59 +147,3 @@ def test_only_two_modules_print():
                 if name in printers or name == "click.echo":
                     calls.add((module, name))
     assert calls == {("epcontact.cli.progress", "Console")}
-
-
-def tokens_of_code(text):
-    """Count the names, numbers, strings and operators outside imports and docstrings.
-
-    Docstrings, comments, imports and blank lines are free, so that no budget is met by
-    leaving out an explanation or by writing denser lines.
-    """
-    tree = ast.parse(text)
-    free = set()
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.Import, ast.ImportFrom)):
-            free.update(range(node.lineno, node.end_lineno + 1))
-        elif isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False):
-            free.update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    return sum(token.type in COUNTED and token.start[0] not in free for token in tokens)
-
-
-def rooms_with_tokens():
-    """Return the number of tokens of code by room, and of the lines of the saved texts,
-    as a Counter.
-    """
-    found = Counter()
-    for file in [*FILES, *ROOT.glob("tests/**/*.py")]:
-        if file.is_relative_to(ROOT / "tests" / "laboratory"):
-            room = "tests/laboratory"
-        elif file.is_relative_to(ROOT / "tests"):
-            room = "tests"
-        else:
-            room = room_of(module_of(file)).removesuffix(".__main__")
-        found[room] += tokens_of_code(file.read_text(encoding="utf-8"))
-    for file in ROOT.glob("tests/*/*.txt"):
-        found["lines of saved screens"] += file.read_text(encoding="utf-8").count("\n")
-    return found
-
-
-def test_no_room_grows_beyond_its_budget():
-    """No room holds more tokens than TOKENS and its slack allow, and each room has a
-    budget.
-    """
-    allowed = {room: (1 + SLACK) * tokens for room, tokens in TOKENS.items()}
-    beyond = {r: n for r, n in rooms_with_tokens().items() if n > allowed.get(r, 0)}
-    assert not beyond, "these rooms hold more than TOKENS and its slack allow"
-
-
-def test_only_code_counts():
-    """Docstrings, comments and imports are not counted, but all else is."""
-    code = "x = f(1)\n"
-    free = '"""What it is."""\n\nimport os\nfrom a import (\n    b,\n)\n\n# Why.\n'
-    assert tokens_of_code(code) == 6
-    assert tokens_of_code(free + code) == 6
-    assert (
-        tokens_of_code(f'{free}def f(y):\n    """Double y."""\n    return 2 * y\n')
-        == 10
-    )

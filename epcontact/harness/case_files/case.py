@@ -212,7 +212,7 @@ def _counterface_mistakes(case: Case) -> Iterator[str]:
             f"[counterface] is a half-space, but [body] kind is {case.body.kind}; "
             "leave one out"
         )
-    if "fem" in case.methods and case.fem.law == "j2":
+    if _law_of_elements(case) == "j2":
         yield (
             "[counterface] deforms, but J2 flow of fem is against a rigid flat; take "
             "fem.law = 'capped', or leave [counterface] out"
@@ -229,13 +229,20 @@ def _counterface_mistakes(case: Case) -> Iterator[str]:
         yield str(error)
 
 
+def _law_of_elements(case: Case) -> str:
+    """Return the law of the table [fem]; empty if no method of the case has it."""
+    if any(METHODS[name].table == "fem" for name in case.methods):
+        return case.fem.law
+    return ""
+
+
 def _strength_mistakes(case: Case) -> Iterator[str]:
     """Yield a sentence for each law without the stress at which it flows.
 
     A metal with a yield stress alone would be elastic in all methods but J2 flow, and
     nothing would say so.
     """
-    law = case.fem.law if "fem" in case.methods else ""
+    law = _law_of_elements(case)
     needed = {"j2": "yield_stress", "capped": "hardness"}.get(law, "")
     if needed and getattr(case.solid, needed) == math.inf:
         yield (

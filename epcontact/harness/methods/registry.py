@@ -5,7 +5,7 @@ gates use.
 scene, and the properties of the method that the rest of the package uses.  Entries
 come from three sources:
 
-    the package's own   persson, bem and fem, below
+    the package's own   persson, bem, fem and plain, below
     other codes         contact_mechanics and tamaas, with the extra `peers`;
                         CalculiX, a program
     the user's          entry points of the group `epcontact.methods`, and `--solver`
@@ -40,6 +40,7 @@ from epcontact.materials.moduli import effective_modulus
 from epcontact.results import ContactResult, FloatArray
 from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.surfaces import Recipe, SelfAffine
+from fem_check import plain_result
 from fem_check.driver import solve_path
 from fem_check.options import FemOptions, Geometry, LawName
 from fem_check.result import contact_result
@@ -243,9 +244,10 @@ class Method:
         follows_hardening: whether its J2 flow has the hardening of the material.
         load_files: says who writes the files of each load of a path.  "fields": the
             harness; "bodies": the method itself, into the folder of its option
-            `output`; "": nobody, because the method does not follow a path.  Two
-            properties follow from it: `plannable` and `follows_unloading` are true for
-            every method with "fields" or "bodies".
+            `output`; "": nobody.  `plannable` is true for every method with "fields"
+            or "bodies".
+        follows_unloading: whether the method can solve a path whose mean pressures
+            fall.
         reports_progress: whether `solve` takes the option `progress` although the
             method writes no files of each load; it is called with the fraction of the
             path that is done and a text.
@@ -269,6 +271,7 @@ class Method:
     has_model_measures: bool = False
     follows_hardening: bool = False
     load_files: Literal["", "fields", "bodies"] = ""
+    follows_unloading: bool = False
     reports_progress: bool = False
     memory: MemoryEstimate = _surface_bytes
     load: Callable[[], None] = _nothing
@@ -289,14 +292,6 @@ class Method:
 
         This is so for the package's own methods on grids, and only these have
         `load_files`.
-        """
-        return bool(self.load_files)
-
-    @property
-    def follows_unloading(self) -> bool:
-        """Whether the method can solve a path whose mean pressures fall.
-
-        Only a method that follows a path load by load can; these have `load_files`.
         """
         return bool(self.load_files)
 
@@ -422,6 +417,20 @@ def _fem(
     return replace(result, cost={**result.cost, "seconds": seconds})
 
 
+def _plain(
+    scene: Scene,
+    options: Mapping[str, Any],
+    threads: int | None,
+    on_load: OnLoad | None = None,
+) -> ContactResult:
+    """Solve a scene by plain finite elements; see `Solve`.
+
+    `options` are those of the finite elements (the table [fem]).  `threads` has no
+    effect.
+    """
+    return plain_result.solve(without_alternatives(scene), on_step=on_load, **options)
+
+
 def _peer(
     function: str,
     scene: Scene,
@@ -545,6 +554,7 @@ _OWN = (
         _bem,
         "bem",
         load_files="fields",
+        follows_unloading=True,
         memory=_grid_bytes,
         load=partial(_warm_up, _bem, 128),
         title="boundary elements",
@@ -558,10 +568,23 @@ _OWN = (
         has_model_measures=True,
         follows_hardening=True,
         load_files="bodies",
+        follows_unloading=True,
         memory=_block_bytes,
         load=partial(_warm_up, _fem, 8, layers=2),
         title="finite elements",
         abbreviation="FE",
+    ),
+    Method(
+        "plain",
+        "finite elements in plain scikit-fem, elastic or with J2 flow, on small scenes",
+        _plain,
+        "fem",
+        has_model_measures=True,
+        follows_hardening=True,
+        follows_unloading=True,
+        memory=_block_bytes,
+        title="plain finite elements",
+        abbreviation="plain FE",
     ),
 )
 _PEERS = (
