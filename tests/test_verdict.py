@@ -23,11 +23,14 @@ import numpy as np
 import pytest
 from command_line import invoke
 
+import fem_check
+from epcontact import bem
 from epcontact.errors import InvalidCase, OutputError
 from epcontact.harness.case_files.case import find_case, load_case
 from epcontact.harness.gates import (
     Gate,
     distance,
+    estimate,
     judge_distance,
     judge_values,
     unjudged_verdict,
@@ -521,6 +524,35 @@ def test_the_answer_of_a_method_sums_up_its_members(write_case, tmp_path):
         assert [*spread.values()] == pytest.approx(expected, rel=1e-6)
     residuals = [member["residuals"]["gap_elastic"] for member in members]
     assert answer["residuals"]["gap_elastic"] == max(residuals) > min(residuals)
+
+
+def test_fields_of_two_methods_are_compared_point_by_point(write_case, tmp_path):
+    """A gate with the norm l2 reads the pressures of both methods, here of boundary
+    elements and of capped finite elements, also when a later run reuses the results.
+
+    The results have no field that no gate compares.
+    """
+    methods = ('methods = ["persson", "bem"]', 'methods = ["fem", "bem"]')
+    path = write_case(
+        methods,
+        ('of = "bem"\nagainst = "persson"', 'of = "fem"\nagainst = "bem"\nnorm = "l2"'),
+        ('quantity = "area.total.corrected"', 'quantity = "field.pressure"'),
+        more='\n[fem]\nlaw = "capped"\n',
+    )
+    loaded = load_case(path)
+    scenes = [loaded.scene(recipe) for recipe in loaded.recipes]
+    distances = []
+    for scene in scenes:
+        found = fem_check.solve(scene, law="capped").fields["pressure"]
+        exact = bem.solve(scene).fields["pressure"]
+        distances.append(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    for reused in (0, len(scenes)):
+        results = run_cases([loaded], Run(output=tmp_path, jobs=1))["small"]
+        assert results["fem"].reused == reused
+        assert {*results["fem"].results[0].fields} == {"pressure"}
+        judged = judge_case(loaded, results).gates[0]
+        assert judged.difference == estimate(distances)
+        assert judged.kind == "method here"
 
 
 def test_a_run_that_ends_in_an_error_leaves_no_verdict(tmp_path, monkeypatch):

@@ -300,6 +300,13 @@ class Gate:
             against = f"{against:g}"
         return f"{self.quantity} of {self.of} against {against} ({self.norm})"
 
+    @property
+    def field(self) -> str:
+        """The name of the field that is compared, such as "pressure"; only for the norm
+        l2.
+        """
+        return self.quantity.removeprefix("field.")
+
 
 class GateVerdict(Record):
     """One gate, judged: the whole interval of the difference must be within [low,

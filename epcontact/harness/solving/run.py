@@ -39,6 +39,7 @@ from epcontact.files import (
 )
 from epcontact.harness.case_files.case import Case
 from epcontact.harness.methods.registry import METHODS, Method
+from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.harness.solving.load_path import (
     solve_path,
     with_description,
@@ -349,8 +350,9 @@ def solve_task(
         on_progress: called with the solved fraction of the task and a sentence.
 
     Returns:
-        The result without its fields; or, after any error, the sentence that says what
-        went wrong, so that other tasks are still solved and judged.
+        The result with only those fields that gates compare; or, after any error, the
+        sentence that says what went wrong, so that other tasks are still solved and
+        judged.
     """
     measuring_before = MEASURING.seconds
     loads_before = _count_done(task)
@@ -366,7 +368,9 @@ def solve_task(
             seconds = MEASURING.seconds - measuring_before
             cost = {**result.cost, "measuring_seconds": seconds}
             result = replace(result, cost=cost)
-        return replace(result, fields={})
+        solved = SolvedScene(scene, result)
+        compared = {name: solved.field(name) for name in task.compared_fields}
+        return replace(result, fields=compared)
     except TimeUp as error:
         return f"{sentence_of(error)}; {_how_to_go_on(task, loads_before)}"
     except Exception as error:

@@ -19,6 +19,7 @@ import functools
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from pydantic_core import to_json
 from epcontact.errors import OutputError
 from epcontact.files import atomic_write, write_json
 from epcontact.harness.solving.tasks import Task, peak_path
-from epcontact.results import ContactResult, FloatArray, package_versions
+from epcontact.results import ContactResult, FloatArray, package_versions, plain
 from epcontact.scene import Load
 
 #: Rooms of the package that show results or ask for them.  An edit there keeps saved
@@ -103,7 +104,7 @@ def save_result(task: Task, output: Path, result: ContactResult) -> None:
     Args:
         task: the task.
         output: the output folder of the run.
-        result: its result; its fields are not written.
+        result: its result, with the fields that gates compare.
 
     Raises:
         OutputError: if the file cannot be written.
@@ -117,6 +118,7 @@ def save_result(task: Task, output: Path, result: ContactResult) -> None:
         "precision": task.precision,
         "measured": task.measured,
         "rows": task.lists_loads,
+        "fields": plain(result.fields),
     }
     earlier = read_saved(task.result_path(output))
     same = earlier.get("key") == about["key"]
@@ -237,7 +239,10 @@ def load_saved(task: Task, output: Path) -> ContactResult | None:
     if not (_has_measured(content, task) and _has_files(content, task, output)):
         return None
     try:
-        return ContactResult.from_json(content)
+        fields = {
+            name: np.array(content["fields"][name]) for name in task.compared_fields
+        }
+        return replace(ContactResult.from_json(content), fields=fields)
     except (ValueError, KeyError, TypeError):
         return None
 

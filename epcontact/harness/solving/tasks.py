@@ -175,18 +175,33 @@ class Task:
         These are the quantities that gates read of its method, with their error
         estimates, and the `extra_quantities`.  Quantities that the method reports
         itself are left out.  A name "l2.FORM.FIELD" is the distance of a field from a
-        closed form.
+        closed form.  Fields of two methods are compared later, see `compared_fields`.
         """
         names = {name for name in self.extra_quantities if QUANTITIES[name].measure}
         for gate in self.case.gates:
             if self.method.name not in (gate.of, gate.against):
                 continue
-            if gate.norm == "l2":
-                names.add(f"l2.{gate.against}.{gate.quantity.removeprefix('field.')}")
+            if gate.norm == "l2" and gate.against not in self.case.methods:
+                names.add(f"l2.{gate.against}.{gate.field}")
             elif gate.quantity in QUANTITIES and QUANTITIES[gate.quantity].measure:
                 names.add(gate.quantity)
                 names.add(error_name_of(gate.quantity))
         return tuple(sorted(names - {""}))
+
+    @property
+    def compared_fields(self) -> set[str]:
+        """The names of the fields that gates compare with those of another method.
+
+        The result of this task keeps these fields, such as "pressure", and its file has
+        them.
+        """
+        return {
+            gate.field
+            for gate in self.case.gates
+            if gate.norm == "l2"
+            and gate.against in self.case.methods
+            and self.method.name in (gate.of, gate.against)
+        }
 
     @property
     def memory(self) -> float:

@@ -42,6 +42,7 @@ from epcontact.harness.gates import (
     distance,
     judge_distance,
     judge_values,
+    l2_distance,
     unjudged_verdict,
 )
 from epcontact.harness.quantities.registry import QUANTITIES, read_quantity
@@ -463,8 +464,7 @@ def _verdict_by_norm(
     if gate.norm in DISTRIBUTION_NORMS:
         return judge_distance(gate, _distances(case, gate, of, against))
     if gate.norm == "l2":
-        field = gate.quantity.removeprefix("field.")
-        return judge_distance(gate, _read(of, f"quantity.l2.{gate.against}.{field}"))
+        return judge_distance(gate, _field_distances(gate, of, against))
     values = _read(of, gate.quantity)
     references = _references(case, gate, against)
     paired = against is not None and len(values) > 1 and of.labels == against.labels
@@ -680,3 +680,23 @@ def _distances(
             raise EpcontactError(f"{gate.name}: a method gave no pressure distribution")
         distances.append(distance(gate.norm, result.distribution, reference, hardness))
     return distances
+
+
+def _field_distances(
+    gate: Gate, of: MethodResults, against: MethodResults | None
+) -> list[float]:
+    """Return the relative L2 distance of each surface's field from its reference.
+
+    Args:
+        gate: names the field and the reference.
+        of: the results of the method that is judged.
+        against: the results of the reference method on the same surfaces; None: the
+            reference is a closed form, and the distance was measured by the solve.
+    """
+    field = gate.field
+    if against is None:
+        return _read(of, f"quantity.l2.{gate.against}.{field}")
+    return [
+        l2_distance(result.fields[field], reference.fields[field])
+        for result, reference in zip(of.results, against.results, strict=True)
+    ]
