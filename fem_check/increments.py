@@ -59,6 +59,7 @@ class PathProgress:
 
     Attributes:
         history: of the elements.
+        before: history before the last increment, from which it is checked.
         position: force in N, or approach in m.
         farthest: largest position so far.
         states: the last one or two converged states.
@@ -68,6 +69,7 @@ class PathProgress:
     """
 
     history: History
+    before: History
     position: float = 0.0
     farthest: float = 0.0
     states: tuple[State, ...] = ()
@@ -163,6 +165,7 @@ def _commit(
     return replace(
         progress,
         history=history,
+        before=progress.history,
         position=position,
         farthest=max(progress.farthest, position),
         states=(*progress.states[-1:], solved.state),

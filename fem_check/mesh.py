@@ -35,6 +35,9 @@ from fem_check.options import FemOptions
 #: (tests/test_fem_elements.py).
 GROWTH = 1.2
 
+#: Number of elements that the certificate checks at once, but at least a row of them.
+CERTIFIED_AT_ONCE = 4096
+
 
 @dataclass(frozen=True)
 class PeriodicBlock:
@@ -278,11 +281,11 @@ def bytes_needed(
     element's connectivity, shape and position in the history (44 bytes), half of the
     factor (15 numbers per wave) and six displacement fields (24 each); ten more fields
     end a few levels below the flow.  A layer keeps its stiffness (9 matrices).  An
-    element that flows keeps its history and correction (970), and its nodes, up to 1.6
-    times as many, keep the rows of the tangent (2250).  Without flow seven fields are
-    alive.  In the moved geometry an element keeps its own gradients (2900); there and
-    under a punch all fields reach the base, and no rows are assembled.  The certificate
-    takes 7000 bytes, or 10000 with flow, for each element of a layer, after most of the
+    element that flows keeps two histories and a correction (1420), and its nodes, up to
+    1.6 times as many, keep the rows of the tangent (2250).  Without flow seven fields
+    are alive.  In the moved geometry an element keeps its own gradients (2900); there
+    and under a punch all fields reach the base, and no rows are assembled.  The
+    certificate takes 53 kB for each element that it checks at once, after most of the
     fields have been freed.
 
     Args:
@@ -300,10 +303,9 @@ def bytes_needed(
     if block.moved is not None:
         permanent += levels * 2900
     solve = permanent + levels * 7 * 24
-    certificate_of_layer = 7000
     if plastic:
         flow = _expected_flow(scene, block, rms_slope)
-        history = 970 * float(flow.sum())
+        history = 1420 * float(flow.sum())
         flow_levels = levels
         rows = 0.0
         if flat:
@@ -313,10 +315,11 @@ def bytes_needed(
         stiffness = 9 * 24 * 24 * 8 * len(block.layers) / nodes
         solve = permanent + fields + history + rows + stiffness
         permanent += history
-        certificate_of_layer = 10000
     if not options.certified:
         return nodes * solve
-    return nodes * max(solve, permanent + levels * 6 * 24 + certificate_of_layer)
+    at_once = min(nodes, CERTIFIED_AT_ONCE + block.shape[1])
+    checked = nodes * (permanent + levels * 6 * 24) + 53_000 * at_once
+    return max(nodes * solve, checked)
 
 
 def _expected_flow(

@@ -57,7 +57,8 @@ class FemOptions:
         tolerance: on the dimensionless residuals.
         approach: path of the flat since the first touch, in m, which replaces the mean
             pressures of the scene; None: the mean pressures.
-        certified: whether scikit-fem's own assembly checks the last state.
+        certified: whether plain scikit-fem checks the states at the largest and at the
+            last load.
 
     Raises:
         InvalidScene: an option is not within its bounds.
@@ -90,7 +91,8 @@ class FemOptions:
         None, "path of the flat since the first touch, m, instead of mean pressures"
     )
     certified: bool = _option(
-        True, "whether scikit-fem's own assembly checks the last state"
+        True,
+        "whether plain scikit-fem checks the states of the largest and the last load",
     )
 
     def __post_init__(self) -> None:

@@ -67,8 +67,9 @@ class SolvedPath:
         history: of the elements at the end of the path.
         points: one for each mean pressure or each approach.
         seconds: wall time.
-        certificate: dimensionless residuals of scikit-fem's own assembly at the last
-            point; empty without the option `certified`.
+        certificate: dimensionless residuals by plain scikit-fem, the larger ones of the
+            points with the largest load and with the last one; empty without the option
+            `certified`.
     """
 
     scene: Scene
@@ -100,7 +101,7 @@ def path_targets(
 
 def solve_points(
     problem: Problem, targets: Sequence[float], options: FemOptions
-) -> Iterator[tuple[PathPoint, History]]:
+) -> Iterator[tuple[PathPoint, History, History]]:
     """Solve the load path, and yield each point with the history of the elements.
 
     Args:
@@ -110,7 +111,7 @@ def solve_points(
 
     Yields:
         The converged point of each target, and the plastic strains of the elements
-        there.
+        before its last increment and at the point.
 
     Raises:
         NotConverged: an increment failed, even after it was halved several times.
@@ -122,7 +123,8 @@ def solve_points(
     elements = 0
     if problem.plastic:
         elements = problem.bricks.number
-    progress = PathProgress(plasticity.initial_history(elements))
+    nothing_flowed = plasticity.initial_history(elements)
+    progress = PathProgress(nothing_flowed, nothing_flowed)
     # Of a capped body: the progress and plastic displacement at its largest load.
     loaded = progress
     lowered = np.zeros_like(problem.heights)
@@ -141,7 +143,7 @@ def solve_points(
         if first_touch is not None:
             pressure = float(progress.states[-1].forces.sum()) / problem.area
         point = _path_point(problem, pressure, progress, lowered)
-        yield point, progress.history
+        yield point, progress.before, progress.history
 
 
 def _without_plastic_nodes(progress: PathProgress) -> PathProgress:

@@ -66,6 +66,12 @@ MOST_CG_ITERATIONS = 20_000
 #: them it is the residual of Newton's method, which keeps its quadratic convergence.
 LEAST_FORCING = 1e-7
 LARGEST_FORCING = 1e-2
+#: Newton steps of an increment that are always full ones.  Most increments need fewer.
+FULL_STEPS = 10
+#: Unbalanced force over the load above which later steps may be shortened, and how
+#: often.  Closer to the equilibrium full steps converge quadratically.
+LARGEST_UNBALANCE = 1e-4
+MOST_CUTS = 12
 #: Fraction by which a stress must exceed the yield stress to flow: a few times the
 #: rounding of a stress that is computed from strains.
 ROUNDING = 1e-12
@@ -519,7 +525,6 @@ def equilibrium(
         NotConverged: the residuals are too large after `MOST_NEWTON_STEPS` steps; the
             error holds them.
     """
-    elements = block.elements
     expand = block.unknowns
     heights = block.heights.ravel()
     u = start.displacement
@@ -530,12 +535,7 @@ def equilibrium(
     law = block.law if flows else block.law.without_flow
     cg_iterations = 0
     for newton_steps in range(MOST_NEWTON_STEPS):
-        everywhere = expand @ u
-        returned = radial_return(
-            law, elements.deviatoric_strain(everywhere), start.history
-        )
-        mean_stress = law.bulk_modulus * elements.mean_dilatation(everywhere)
-        internal = expand.T @ elements.force(returned.stress, mean_stress)
+        internal, returned = _internal_force(block, law, u, start.history)
         forces = np.where(contact, -internal[block.top], 0.0)
         gap = flat - (heights + u[block.top])
         if load == 0:
@@ -561,7 +561,7 @@ def equilibrium(
             contact = np.where(contact, forces > 0, gap < 0)
             if not contact.any():
                 contact = gap == gap.min()
-        lost = elements.lost_stiffness(law, returned)
+        lost = block.elements.lost_stiffness(law, returned)
         # Far from equilibrium a body that flows has hardly any stiffness: a tenth of
         # what it lost is kept there, and the linear solve need not be accurate.
         unbalance = min(1.0, residuals["balance"] + residuals["load"])
@@ -571,14 +571,87 @@ def equilibrium(
         change, iterations = _newton_step(
             stiffness, internal, block.top[contact], gap[contact], load, forcing
         )
-        u = u + change[:-1]
-        flat += change[-1]
+        fraction = 1.0
+        if newton_steps >= FULL_STEPS and unbalance > LARGEST_UNBALANCE:
+            fraction = _step_length(block, law, u, start.history, change, load)
+        u = u + fraction * change[:-1]
+        flat += fraction * change[-1]
         cg_iterations += iterations
     raise NotConverged(
         f"plain finite elements: no equilibrium at the force {load:.4g} N after "
         f"{MOST_NEWTON_STEPS} Newton steps; give more steps or a smaller load",
         residuals=residuals,
     )
+
+
+def _internal_force(
+    block: PlainBlock, law: Law, u: FloatArray, history: History
+) -> tuple[FloatArray, Return]:
+    """Return the internal force on the free unknowns in N, and the stresses behind it.
+
+    Args:
+        block: the body.
+        law: of its material, with or without flow.
+        u: (unknowns,) free unknowns, in m.
+        history: of the elements before the increment.
+    """
+    elements = block.elements
+    everywhere = block.unknowns @ u
+    returned = radial_return(law, elements.deviatoric_strain(everywhere), history)
+    mean_stress = law.bulk_modulus * elements.mean_dilatation(everywhere)
+    force = elements.force(returned.stress, mean_stress)
+    return block.unknowns.T @ force, returned
+
+
+def _step_length(
+    block: PlainBlock,
+    law: Law,
+    u: FloatArray,
+    history: History,
+    change: FloatArray,
+    load: float,
+) -> float:
+    """Return the fraction of a Newton step at which the energy hardly falls any more.
+
+    Over an increment, radial return has an energy, which is convex: its slope along the
+    step grows.  A full step that ends where the slope is positive goes too far, and a
+    secant finds a fraction where the slope is small.
+
+    Args:
+        block: the body.
+        law: of its material.
+        u: (unknowns,) free unknowns at the begin of the step, in m.
+        history: of the elements before the increment.
+        change: (unknowns + 1,) the full step, of the unknowns and of the flat, in m.
+        load: total force, in N, whose potential falls with the flat.
+    """
+
+    def slope_at(fraction: float) -> float:
+        """Return the slope of the energy in J after a fraction of the step."""
+        internal, _ = _internal_force(block, law, u + fraction * change[:-1], history)
+        return float(internal @ change[:-1] + load * change[-1])
+
+    first_slope = slope_at(0.0)
+    low = 0.0
+    low_slope = first_slope
+    fraction = 1.0
+    high = 1.0
+    high_slope = slope = slope_at(1.0)
+    if first_slope >= 0 or slope <= 0:
+        return 1.0
+    for _ in range(MOST_CUTS):
+        if abs(slope) <= 0.3 * abs(first_slope):
+            break
+        secant = low_slope / (low_slope - high_slope)
+        fraction = low + min(max(secant, 0.1), 0.9) * (high - low)
+        slope = slope_at(fraction)
+        if slope > 0:
+            high = fraction
+            high_slope = slope
+        else:
+            low = fraction
+            low_slope = slope
+    return fraction
 
 
 def _newton_step(

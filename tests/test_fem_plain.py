@@ -9,8 +9,10 @@ from fem_scenes import rough_scene
 import fem_check
 from epcontact.errors import InvalidScene, NotConverged
 from epcontact.results import APART
-from epcontact.scene import Body, Surface
+from epcontact.scene import Body, Load, Surface
 from fem_check import FemOptions, plain, plain_result
+from fem_check.certificate import certify
+from fem_check.plasticity import initial_history
 
 #: Scenes in which each part of the problem decides: flow of a few elements and of most
 #: of them, unloading to nothing and loading again, a base that slides, moved nodes,
@@ -120,3 +122,99 @@ def test_a_solve_that_does_not_converge_raises(monkeypatch):
     with pytest.raises(NotConverged) as raised:
         plain_result.solve(SCENES["elastic"][0], law="elastic", layers=3)
     assert raised.value.residuals["load"] == pytest.approx(1.0)
+
+
+def wrong_shears(tensor):
+    """Return a symmetric tensor whose shear components are 5 % too small."""
+    weights = 0.95 + 0.05 * np.eye(3)[:, :, None, None]
+    return weights * tensor
+
+
+def scaled_field(name):
+    """Return a fault that makes a field of the law 5 % too large."""
+    return lambda law: law._replace(**{name: 1.05 * getattr(law, name)})
+
+
+def stronger(law):
+    """Return a law whose yield stress is 5 % too high."""
+    (begin, stress, slope), *rest = law.segments
+    return law._replace(segments=((begin, 1.05 * stress, slope), *rest))
+
+
+def harder(law):
+    """Return a law whose hardening modulus is 5 % too large."""
+    (begin, stress, slope), *rest = law.segments
+    return law._replace(segments=((begin, stress, 1.05 * slope), *rest))
+
+
+WRONG_LAWS = {
+    "shear modulus": scaled_field("shear_modulus"),
+    "bulk modulus": scaled_field("bulk_modulus"),
+    "yield stress": stronger,
+    "hardening modulus": harder,
+}
+
+
+@pytest.fixture(scope="module")
+def hardening_path():
+    """A path of a block with linear hardening, loaded and partly unloaded."""
+    scene = rough_scene(8, 2, pressure=(0.08, 0.05))
+    material = replace(scene.material, hardening_modulus=4.0)
+    scene = replace(scene, material=material)
+    return scene, FemOptions(layers=3, steps=3)
+
+
+@pytest.mark.parametrize("name", WRONG_LAWS)
+def test_the_certificate_sees_a_law_that_differs_by_a_twentieth(
+    name, hardening_path, monkeypatch
+):
+    """Fast elements with another law than the material's are not confirmed."""
+    right = plain.law_of
+    make_wrong = WRONG_LAWS[name]
+
+    def law_of(material, flows):
+        """Return the wrong law of a material."""
+        return make_wrong(right(material, flows))
+
+    monkeypatch.setattr(plain, "law_of", law_of)
+    with pytest.raises(NotConverged, match="does not confirm"):
+        fem_check.solve_path(*hardening_path)
+
+
+@pytest.mark.parametrize(
+    ("owner", "function", "wrong"),
+    [
+        # von Mises' stress with weak shears: the norm of the trial stress
+        (plain, "ddot", lambda right, a, b: right(wrong_shears(a), b)),
+        # strains with engineering shears, or with weak ones
+        (plain, "sym_grad", lambda right, u: wrong_shears(right(u))),
+        (plain.Elements, "deviatoric_strain", lambda right, e, u: -right(e, u)),
+        # a local dilatation in part: 5 % of the element's mean is missing
+        (plain.Elements, "mean_dilatation", lambda right, e, u: 0.95 * right(e, u)),
+        (plain.Elements, "force", lambda right, e, s, p: right(e, wrong_shears(s), p)),
+        (plain.Elements, "force", lambda right, e, s, p: right(e, s, -p)),
+    ],
+)
+def test_the_certificate_sees_a_wrong_term(
+    owner, function, wrong, hardening_path, monkeypatch
+):
+    """A term of strain, law or force that is wrong on one side is not confirmed."""
+    right = getattr(owner, function)
+    monkeypatch.setattr(owner, function, lambda *args: wrong(right, *args))
+    with pytest.raises(NotConverged, match="does not confirm"):
+        fem_check.solve_path(*hardening_path)
+
+
+def test_the_certificate_sees_a_wrong_history(hardening_path):
+    """Plastic strains that are 5 % too large, or absent, differ from the check's."""
+    scene, options = hardening_path
+    path = fem_check.solve_path(replace(scene, load=Load(0.08)), options)
+    law = plain.law_of(scene.material, flows=True)
+    [point] = path.points
+    nothing = initial_history(path.problem.bricks.number)
+    last_strains = path.history.plastic_strain
+    large = path.history._replace(plastic_strain=1.05 * last_strains)
+    for before, after in ((path.history, large), (path.history, nothing)):
+        found = certify(path.problem, law, point.state, before, after, point.peak)
+        assert found["certified_balance"] < 1e-7
+        assert found["certified_flow"] > 0.01

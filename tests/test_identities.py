@@ -22,6 +22,7 @@ from epcontact.results import (
     Provenance,
 )
 from epcontact.surfaces import Sinusoid
+from fem_check import plain
 from fem_check.driver import certify, solve_path
 
 SURFACE = Sinusoid((1.0, 0.75), (16, 12), amplitude=0.01, direction="both").build()
@@ -190,7 +191,9 @@ def test_the_certificate_of_forces_a_hundredth_too_large():
     state = path.points[-1].state
     forces = state.forces
     wrong = replace(state, forces=1.01 * forces)
-    found = certify(path.problem, wrong, path.history, float(forces.sum()))
+    law = plain.law_of(scene.material, flows=False)
+    nothing = path.history
+    found = certify(path.problem, law, wrong, nothing, nothing, float(forces.sum()))
     balance = 0.01 * float(np.linalg.norm(forces) / forces.sum())
     assert found["certified_balance"] == pytest.approx(balance, rel=1e-6)
     assert found["certified_load"] == pytest.approx(0.01, rel=1e-6)

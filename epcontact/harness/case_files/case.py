@@ -337,8 +337,8 @@ def _unanswerable(gate: GateTable, case: Case, sizes: tuple[str, ...]) -> Iterat
         yield f"applies to size {absent[0]!r}, which the case does not offer"
     yield from _missing_needs(gate, case)
     against_number = not isinstance(gate.against, str)
-    method = METHODS.get(str(gate.against))
-    has_no_field = against_number or (method and not method.has_fields)
+    other = METHODS.get(str(gate.against))
+    has_no_field = against_number or (other and not other.has_fields)
     if gate.norm == "l2" and has_no_field:
         yield (
             f"{gate.quantity} against {gate.against!r}: give a closed form that has "
