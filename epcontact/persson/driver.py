@@ -101,13 +101,14 @@ def solve(
         steps = list(with_measurement_errors(scene, steps, solve_alternative))
     if state is not None:
         curve = PressureCurve.of_state(state)
-        expected = expectation(theory, scene.load.final, state.areas)
+        contact = state.areas
         accuracy = "3e-3"
     else:
-        expected = expectation(theory, scene.load.final)
+        contact = None
         diffusion = steps[-1].quantities["diffusion"]
         curve = pressure_curve(diffusion, scene.load.final, theory.hardness, points)
         accuracy = "1e-10"
+    expected = expectation(theory, scene.load.final, contact, scene.surface)
     gamma = theory.reduction.gamma
     options = {"energy_reduction": gamma, "reduction": reduction, "spectrum": spectrum}
     notes = (

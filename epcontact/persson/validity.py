@@ -5,11 +5,15 @@ hardness/(E* xi) (without a hardness: of p0/(E* xi)) for several spectra;
 `tests/laboratory/theory_map.py` computes it.  At each place a transformed error y of
 each figure is linear in ln alpha, with Nayak's parameter alpha = m0 m4/m2^2, and in
 ln n, with the number n of waves of the slope along a side, m2/m1 over the lowest wave
-number.  A single surface scatters about this line as 1/n.  y of an area is the logit of
-the area less that of the theory's area with a floor under it (of the elastic area the
-logarithm); y of any other figure is e/(2 + e), with the theory's relative error e.
-Coefficients, covariances and scatter are interpolated in ln(hardness/(E* xi)) and the
-logit of p0/hardness, or in ln(p0/(E* xi)).
+number.  A single surface scatters about this line as 1/n; its mean gap scatters as 1/k,
+with the number k of waves of the height, m1/m0 over the lowest wave number.  y of an
+area is the logit of the area less that of the theory's area with a floor under it (of
+the elastic area the logarithm); y of any other figure is e/(2 + e), with the theory's
+relative error e.  Coefficients, covariances and scatter are interpolated in
+ln(hardness/(E* xi)) and the logit of p0/hardness, or in ln(p0/(E* xi)).
+
+The surfaces of the map are random isotropic fields.  Of a surface that is no such field
+(`persson.random_field`) the errors are not known.
 """
 
 from __future__ import annotations
@@ -25,10 +29,11 @@ import numpy as np
 from epcontact.errors import InvalidScene
 from epcontact.persson.elastoplastic import ContactAreas, areas
 from epcontact.persson.near_bounds import CONSTANTS
+from epcontact.persson.random_field import require_random_field
 from epcontact.persson.roughness import Roughness, analytic_roughness
 from epcontact.persson.theory import Theory
 from epcontact.results import FloatArray
-from epcontact.scene import SelfAffineSpectrum
+from epcontact.scene import SelfAffineSpectrum, Surface
 
 #: The figures whose errors the map holds, by the names of its columns; areas first.
 FIGURES = ("total", "elastic", "plastic", "mean_gap", "wasserstein", "slope_at_zero")
@@ -90,6 +95,10 @@ _GAP_ENDS = (-0.95, 1.0)
 #: 5299.
 _BROAD = 16.0
 _GAP_OF_BROAD = 0.02
+#: Largest relative difference of the rms heights of surface and theory at which the
+#: error of the gap is known.  The gap grows in proportion at the most, and its interval
+#: is rarely narrower.
+_HEIGHT_DIFFERENCE = 0.06
 #: Surfaces with up to this factor fewer waves of the slope than the map's were compared
 #: with it.
 _FEWER_WAVES = 2.5
@@ -248,7 +257,9 @@ def _interpolate(
     y = np.where(np.isnan(y), y_linear, y)
     misfit, scatter, of_grid = linear[:, 3:].T
     of_line = X @ _lagrange(axes, at, covariance, nodes=2) @ X
-    variance = misfit + of_line + of_grid + scatter / (waves**2 * surfaces)
+    waves_of_scatter = np.full(len(FIGURES), waves)
+    waves_of_scatter[_GAP] = height_waves(theory.roughness)
+    variance = misfit + of_line + of_grid + scatter / (waves_of_scatter**2 * surfaces)
     hardness = place.get(_HARDNESS, math.inf)
     if _HARDNESS in place and np.exp(axes[0][-2]) < hardness:
         variance[:2] += _VANISHING_PLASTIC**2
@@ -264,20 +275,34 @@ def _interpolate(
 
 
 def expectation(
-    theory: Theory, mean_pressure: float, contact: ContactAreas | None = None
+    theory: Theory,
+    mean_pressure: float,
+    contact: ContactAreas | None = None,
+    surface: Surface | None = None,
 ) -> str:
     """Return a sentence on the expected errors of the theory, for a result's notes.
 
-    Outside the map of errors the sentence says that the errors are not known, and why.
+    Outside the map of errors, and for a surface that is no random isotropic field, the
+    sentence says that the errors are not known, and why.  The gap is not known if the
+    theory takes the roughness to be higher or lower than the surface is: the waves of a
+    period are a lattice, and without a roll-off their rms height is 13 to 31 % above
+    that of the analytic spectrum.
 
     Args:
         theory: The body.
         mean_pressure: In Pa.
         contact: The theory's areas at this pressure, as fractions; None: they are
             computed.
+        surface: The surface; None: the sentence is for random fields that have the
+            theory's roughness.
     """
     try:
         errors = expected_errors(theory, mean_pressure, contact=contact)
+        if surface is not None:
+            require_random_field(surface)
+            of_theory = math.sqrt(theory.roughness.height_variance.sum())
+            if abs(surface.heights.std() / of_theory - 1) > _HEIGHT_DIFFERENCE:
+                errors.pop("mean_gap", None)
     except InvalidScene as reason:
         return f"the error of the theory itself is not known here: {reason}"
     intervals = []
@@ -318,12 +343,23 @@ def nayak(roughness: Roughness) -> tuple[float, float]:
     return float(alpha), float(m2.sum() / m1.sum() / roughness.lowest)
 
 
+def height_waves(roughness: Roughness) -> float:
+    """Return m1/m0 over the lowest wave number: the number of waves of the height.
+
+    Args:
+        roughness: Bands of the surface, at least one with heights.
+    """
+    moment = roughness.first_moment.sum() / roughness.height_variance.sum()
+    return float(moment / roughness.lowest)
+
+
 @functools.cache
 def theory_map() -> Mapping[str, FloatArray]:
     """Return the columns of `theory_map.csv` (rows,), by name.
 
-    The columns `nayak` and `waves` are added: Nayak's parameter and the number of the
-    slope's waves along a side, for the spectrum of each row.
+    The columns `nayak`, `waves` and `height_waves` are added: Nayak's parameter and the
+    numbers of the slope's and of the height's waves along a side, for the spectrum of
+    each row.
     """
     path = files("epcontact.persson") / "theory_map.csv"
     with path.open(encoding="utf-8") as lines:
@@ -334,9 +370,11 @@ def theory_map() -> Mapping[str, FloatArray]:
     shapes = {}
     for hurst, roll_off, ratio in set(rows):
         spectrum = SelfAffineSpectrum(hurst, 1.0, roll_off, ratio, 1.0)
-        shapes[hurst, roll_off, ratio] = nayak(analytic_roughness(spectrum))
-    alpha, waves = np.transpose([shapes[row] for row in rows])
-    return columns | {"nayak": alpha, "waves": waves}
+        rough = analytic_roughness(spectrum)
+        shapes[hurst, roll_off, ratio] = (*nayak(rough), height_waves(rough))
+    names = ("nayak", "waves", "height_waves")
+    added = np.transpose([shapes[row] for row in rows])
+    return columns | dict(zip(names, added, strict=True))
 
 
 @functools.cache
@@ -410,7 +448,8 @@ def _fits(
             coefficients = V @ (X[here].T * weight @ y[here])
             residual = y[here] - X[here] @ coefficients
             chi_squared = weight @ residual**2 / (here.sum() - 3)
-            of_one_wave = (error * rows["waves"])[here] ** 2 * rows["surfaces"][here]
+            waves = rows["height_waves" if k == _GAP else "waves"]
+            of_one_wave = (error * waves)[here] ** 2 * rows["surfaces"][here]
             grid[(*place, k)] = [
                 *coefficients,
                 chi_squared * _MISFIT**2,

@@ -246,14 +246,15 @@ def random_scene(number, wide=(16, 128), heaviest=2.2):
     )
 
 
-def judged(scene, **rule):
+def judged(scene, spectrum="analytic", **rule):
     """Return a row for each quantity of a scene: the theory's error, the ends of its
     expected interval, and whether the interval holds the error.
 
-    `rule` are options of the theory. The list is empty outside of the map.
+    `spectrum` is that of the interval, `rule` are options of the theory. The list is
+    empty outside of the map.
     """
     rule = rule or {"energy_reduction": validity.GAMMA}
-    theory = Theory.of_scene(scene, **rule)
+    theory = Theory.of_scene(scene, spectrum=spectrum, **rule)
     try:
         found = validity.expected_errors(theory, scene.load.final)
     except InvalidScene:
