@@ -28,7 +28,7 @@ from epcontact.planning import (
 )
 from epcontact.planning import planned_case as planned
 from epcontact.reference import CLOSED_FORMS
-from epcontact.results import Areas
+from epcontact.results import FACTOR_TO_95, Areas
 from epcontact.scene import Load
 from epcontact.surfaces import HeightsFromArray, Sinusoid
 
@@ -277,8 +277,8 @@ def test_an_ensemble_s_error_holds_its_scatter(write_case):
         with_areas(result, best * factor, error) for factor in (0.9, 1.0, 1.1)
     )
     answer = MethodResults(shifted, ("a", "b", "c"))
-    # t(2 degrees, 97.5 %) = 4.302653
-    expected = math.hypot(error / best, 0.4302653 / math.sqrt(3))
+    # t(2 degrees, 97.5 %) = 4.302653; an error estimate of an area holds 90 %.
+    expected = math.hypot(FACTOR_TO_95 * error / best, 0.4302653 / math.sqrt(3))
     assert achieved_error(chosen, answer) == pytest.approx(expected, rel=1e-6)
 
 
@@ -436,9 +436,55 @@ def test_a_path_is_planned_for_the_load_that_is_the_hardest_to_answer(write_case
     )
     answer = solved(planned(case, chosen))
     areas = answer.results[0].steps[2].areas
-    error = areas["error"].total / areas["corrected"].total
+    error = FACTOR_TO_95 * areas["error"].total / areas["corrected"].total
     assert achieved_error(chosen, answer) == pytest.approx(error, rel=1e-6)
     assert error <= 0.05
+
+
+@pytest.mark.parametrize(
+    ("case_id", "tolerance", "parts"),
+    [
+        ("rough-interface", 0.01, ("total",)),
+        ("rough-capped", 0.018, ("total",)),
+        ("rough-elastic", 0.01, ("total",)),
+        ("rough-capped", 0.03, ("total", "plastic")),
+    ],
+)
+def test_every_part_of_a_plan_s_error_is_at_95(case_id, tolerance, parts):
+    """The grid's part is the half-width of the interval that a solve of the planned
+    case reports, and together with the scatter it is within the tolerance, or the plan
+    says that it is not.
+    """
+    case = load_case(case_id).changed(methods=("bem",))
+    chosen = plan(case, tolerance, parts=parts, threads=1)
+    first = planned(case, chosen).changed(recipes=chosen.recipes[:1])
+    step = solved(first).results[0].steps[chosen.step]
+    reported = []
+    for part in parts:
+        grid = step.error_parts(f"{part}_area")["grid"]
+        reported.append(grid / getattr(step.best_areas, part))
+    if not any("extrapolated" in reason for reason in chosen.reasons):
+        assert chosen.grid_error == pytest.approx(max(reported), rel=0.02)
+    assert chosen.grid_error >= 0.7 * max(reported)
+    total = math.hypot(chosen.grid_error, chosen.scatter)
+    assert chosen.expected_error == pytest.approx(total)
+    assert chosen.meets is (total <= tolerance)
+    assert any("is not met" in reason for reason in chosen.reasons) is not chosen.meets
+
+
+@pytest.mark.parametrize(
+    ("case_id", "tolerance"), [("rough-interface", 1.0), ("rough-capped", 1.8)]
+)
+def test_the_printed_error_is_within_the_tolerance_or_the_command_fails(
+    case_id, tolerance
+):
+    """`plan` ends with 0 only if the area's error that it prints is at most the
+    tolerance, in %.
+    """
+    done = invoke("plan", case_id, "--tolerance", f"{tolerance}%")
+    printed = float(re.search(r"area ± (\S+) % at 95 %", done.stdout)[1])
+    assert (printed <= tolerance) is (done.returncode == 0), done.stdout
+    assert ("is not met" in done.stdout) is (done.returncode != 0)
 
 
 def test_a_plan_of_a_map_has_the_errors_that_run_reports(monkeypatch, tmp_path):

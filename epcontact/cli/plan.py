@@ -14,7 +14,6 @@ from epcontact.errors import EpcontactError, InvalidCase
 from epcontact.harness.case_files.case import Case, find_case, load_case
 from epcontact.harness.solving.tasks import Run
 from epcontact.harness.verdict.verification import verify
-from epcontact.results import factor_to_95
 
 
 def plan(
@@ -94,7 +93,7 @@ def _expected(
     interval, relative to the area.
     """
     model = "grid" if chosen.on_grid else "theory"
-    parts = {model: chosen.grid_error * factor_to_95(model)}
+    parts = {model: chosen.grid_error}
     if len(chosen.recipes) > 1 or chosen.scatter:
         parts["scatter of surfaces"] = chosen.scatter
     if map_errors is not None:

@@ -20,7 +20,7 @@ from epcontact.harness.gates import standard_deviation, student_half_width
 from epcontact.harness.methods.registry import METHODS
 from epcontact.machine import available_cores
 from epcontact.planning.grids import ladder, on_grid
-from epcontact.results import Areas, ContactResult
+from epcontact.results import Areas, ContactResult, factor_to_95
 from epcontact.surfaces import Recipe
 from fem_check.mesh import half_space_depth
 
@@ -44,7 +44,8 @@ class Pilot(NamedTuple):
     Attributes:
         shape: Shape of the grid.
         areas: Corrected areas at one load.
-        error: Largest relative error estimate of the wanted parts of the area.
+        error: Largest relative error of the wanted parts of the area by the grid, the
+            half-width of its 95 % interval.
         raw_error: The same for raw areas.
         work: Cost that does not depend on the machine: FFT pairs (boundary elements) or
             iterations (finite elements) times the number of unknowns.
@@ -67,7 +68,7 @@ class Candidate(NamedTuple):
     Attributes:
         shape: Shape of the grid.
         surfaces: Number of surfaces.
-        grid_error: Relative error of the areas by the grid.
+        grid_error: Relative half-width of the areas' 95 % interval by the grid.
         scatter: Relative half-width of the 95 % interval of the mean over surfaces.
         work: The work, as in `Pilot`, of all surfaces together.
     """
@@ -80,7 +81,7 @@ class Candidate(NamedTuple):
 
     @property
     def error(self) -> float:
-        """The combined relative error of grid and scatter."""
+        """The relative error of grid and scatter together, at 95 % confidence."""
         return math.hypot(self.grid_error, self.scatter)
 
 
@@ -125,7 +126,7 @@ def solve_pilot(
     for part in parts:
         area = getattr(corrected, part)
         if area:  # a part that does not exist has no relative error
-            error = getattr(areas["error"], part) / area
+            error = getattr(areas["error"], part) / area * factor_to_95("grid")
             correction = abs(getattr(areas["raw"], part) - area) / area
             errors.append(error)
             raw_errors.append(correction + error)
@@ -157,7 +158,7 @@ def _least_accurate_step(result: ContactResult) -> int:
 
 
 def estimate_error(pilots: Sequence[Pilot], shape: tuple[int, ...]) -> float:
-    """Return the relative error estimate of the areas on a grid.
+    """Return the relative error of the areas on a grid, at 95 % confidence.
 
     If no pilot was solved on this grid, the error of the finest solved grid is
     extrapolated with the order of convergence between the two finest solved grids.  The

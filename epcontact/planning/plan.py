@@ -3,9 +3,9 @@
 The plan chooses the method (theory, boundary or finite elements), a line if the
 roughness has one direction, the grid, raw or corrected areas, the number of surfaces
 and, for finite elements, depth and load increments.  The tolerance is on the area,
-relative, at 95 % confidence.  Cheap pilots (`pilots`) give the error e of each grid and
-the scatter s between surfaces.  Of all grids with e < tolerance the plan takes the one
-with the least cost times number n of surfaces, where
+relative, at 95 % confidence.  Cheap pilots (`pilots`) give the 95 % error e of each
+grid and the scatter s between surfaces.  Of all grids with e < tolerance the plan takes
+the one with the least cost times number n of surfaces, where
 
     e^2 + (t s / sqrt(n))^2 <= tolerance^2,
 
@@ -53,6 +53,7 @@ from epcontact.planning.pilots import (
     solve_pilot,
     solve_pilots,
 )
+from epcontact.results import factor_to_95
 from epcontact.scene import Scene
 from epcontact.surfaces import Recipe, SelfAffine
 
@@ -68,8 +69,9 @@ class Plan:
         method: Name of the method.
         areas: "raw" or "corrected".
         options: Options of the method.
-        grid_error: Relative error of the areas by the grid; for the theory its error by
-            the map, or its distance from the pilots with their uncertainty.
+        grid_error: Relative half-width of the areas' 95 % interval by the grid; for the
+            theory its error by the map, or its distance from the pilots with their
+            uncertainty.
         scatter: Relative half-width of the 95 % interval of the mean over surfaces.
         work: FFT pairs, or iterations of finite elements, times the number of unknowns,
             of all surfaces.
@@ -524,7 +526,7 @@ def finer_case(case: Case, chosen: Plan) -> Case | None:
 def achieved_error(
     chosen: Plan, results: MethodResults, finer: MethodResults | None = None
 ) -> float:
-    """Return the relative error that a planned case achieved, the largest of its parts.
+    """Return the 95 % error that a planned case achieved, relative, the largest part's.
 
     It combines, as independent errors, the difference of the mean areas from those of a
     finer grid, the error estimate of the finer grid, and the 95 % interval of the mean
@@ -567,6 +569,7 @@ def achieved_error(
             planned = areas(results, chosen.areas, part)[: len(best.results)]
             difference = float(np.mean(planned)) / mean - 1
         estimate = float(np.mean(areas(best, "error", part))) / mean
+        estimate *= factor_to_95("grid")
         values = areas(ensemble, "corrected", part)
         scatter = student_half_width(standard_deviation(values) / mean, len(values))
         largest = max(largest, math.hypot(difference, estimate, scatter))
