@@ -29,6 +29,20 @@ from epcontact.results import plain
 #: the label of a surface.  Such a name is not absolute and cannot lead to another
 #: folder.
 NAME_PATTERN = r"^[A-Za-z0-9_][A-Za-z0-9._-]*$"
+#: A text near the beginning of each file that a command writes under a name that the
+#: user gives, by the end of the name.
+MARKS = {
+    ".gif": "GIF8",
+    ".html": "<title>epcontact: verification report</title>",
+    ".inp": "** the block of the scene ",
+    ".med": "HDF",
+    ".mp4": "ftyp",
+    ".msh": "$MeshFormat",
+    ".png": "PNG",
+    ".vtk": "vtk DataFile",
+    ".vtu": "VTKFile",
+    ".xdmf": "Xdmf",
+}
 #: Beginning of the name of a temporary file; the number of the process follows.
 _PREFIX = f".epcontact-{platform.node()}-"
 
@@ -163,20 +177,23 @@ def write_collection(
     write_text(path, "\n".join(lines))
 
 
-def require_replaceable(path: Path | str, mark: str) -> None:
+def require_replaceable(path: Path | str, mark: str = "") -> None:
     """Raise OutputError if a file exists that epcontact did not write for this purpose.
 
-    A mistyped name would otherwise replace a file of the user's.  An empty file may be
-    replaced.
+    A mistyped name would otherwise replace a file of the user's, or one that the
+    command reads.  An empty file may be replaced.
 
     Args:
         path: The file that is to be written.
-        mark: A text that each file of this purpose has in its first 2000 bytes.
+        mark: A text that each file of this purpose has in its first 2000 bytes; "":
+            that of `MARKS` for the end of the name, and a file whose name has another
+            end is not replaced.
     """
     if not os.path.isfile(path):
         return
     beginning = read_bytes(path, 2000)
-    if beginning and mark.encode() not in beginning:
+    expected = mark or MARKS.get(Path(path).suffix)
+    if beginning and (expected is None or expected.encode() not in beginning):
         raise OutputError(
             f"cannot write {path}: it exists and holds something else; give another "
             "name, or remove it"

@@ -27,6 +27,7 @@ from rich.console import Console
 from epcontact.cli import list_cases, main, progress
 from epcontact.cli.ascii_forms import ASCII_FORMS, encodable
 from epcontact.cli.main import COMMANDS, cli
+from epcontact.cli.options import OutputFile
 from epcontact.cli.progress import ProgressLine, show_progress, show_sentences
 from epcontact.cli.tables import results_table, verdict_table
 from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
@@ -705,6 +706,78 @@ def test_a_table_does_not_replace_another_file(tmp_path, command):
     path.write_text("name,mark\n")
     refused(invoke(*words, path), "mine.csv: it exists and holds something else")
     assert path.read_text() == "name,mark\n"
+
+
+def writing_options():
+    """Yield each command with each option or argument of it that names a file to
+    write; that a command has such an option and does not say so is seen by its name.
+    """
+    for name, command in cli.commands.items():
+        for parameter in command.params:
+            is_file = isinstance(parameter.type, OutputFile)
+            words = ("--csv", "--keep", "--screenshot", "--film", "--map", "file")
+            assert is_file or not {parameter.name, *parameter.opts} & {*words}
+            if is_file:
+                yield pytest.param(name, parameter, id=f"{name}-{parameter.name}")
+
+
+#: Words before the output that make a command valid as far as its files go.
+READ = {
+    "accuracy": [],
+    "compare": ["{verdict}"],
+    "export": ["fem-elastic"],
+    "new": ["{map}"],
+    "report": ["{results}"],
+    "view": ["{fields}"],
+}
+
+
+@pytest.fixture(scope="module")
+def files_to_read(tmp_path_factory):
+    """Return files of all kinds that commands read, by name."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("read"))
+        assert invoke("run", "hertz-sphere", "--fields", "first").returncode == 0
+        assert invoke("verify", "bearing-area").returncode == 0
+        verdict = Path("results/verdict.json")
+        assert invoke("compare", verdict, "--keep", "values.csv").returncode == 0
+        Path("steel.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
+        Path("steel.txt").write_text("1 2 3\n4 5 6\n7 8 9\n")
+        Path("mine.toml").write_text("[case]\n")
+        Path("link.csv").symlink_to("values.csv")
+        result = Path("results/hertz-sphere/fast/bem.json")
+        return {
+            "results": verdict.absolute().parent,
+            "verdict": verdict.absolute(),
+            "values": Path("values.csv").absolute(),
+            "link": Path("link.csv").absolute(),
+            "map": Path("steel.csv").absolute(),
+            "text": Path("steel.txt").absolute(),
+            "case": Path("mine.toml").absolute(),
+            "result": result.absolute(),
+            "fields": next(result.parent.glob("*.vti")).absolute(),
+        }
+
+
+@pytest.mark.parametrize(("name", "parameter"), [*writing_options()])
+def test_no_output_replaces_an_input(files_to_read, name, parameter):
+    """No option or argument writes over a verdict, a table of values, a map, a case, a
+    result or fields, whatever the command reads, and also under another name.
+    """
+    paths = [path for path in files_to_read.values() if path.is_file()]
+    before = {path: path.read_bytes() for path in paths}
+    option = [parameter.opts[0]] if parameter.opts[0].startswith("-") else []
+    is_stem = parameter.name == "contact_map"  # it gets endings of its own
+    for target in before:
+        read = [word.format_map(files_to_read) for word in READ[name]]
+        if name == "compare" and target.suffix == ".csv":
+            read = [files_to_read["values"], files_to_read["verdict"]]
+        if is_stem and target.stem == "steel":
+            done = invoke(name, *read, *option, target.with_suffix(""))
+        else:
+            done = invoke(name, *read, *option, target)
+        assert {path: path.read_bytes() for path in before} == before, target
+        assert done.returncode == 2 or is_stem, (target, done)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows removes no current folder")

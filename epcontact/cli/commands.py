@@ -16,10 +16,12 @@ from typing import Any
 import click
 
 from epcontact.cli.options import (
+    OutputFile,
     case_size,
     fields,
     folder,
     require_address_space,
+    require_separate_outputs,
     run_options,
     size,
 )
@@ -85,7 +87,7 @@ EXAMPLES = {
 }
 
 _path = click.Path(path_type=Path)
-_file = click.Path(path_type=Path, dir_okay=False)
+_file = OutputFile()
 _full = click.option(
     "--full", is_flag=True, help="Minutes instead of seconds, and finer."
 )
@@ -106,6 +108,7 @@ def _runs(command: Callable[..., None]) -> Callable[..., None]:
     def run_command(**arguments: Any) -> None:
         """Import the module and call its function with the arguments."""
         require_address_space()
+        require_separate_outputs(click.get_current_context().command, arguments)
         name = command.__name__
         # No command has matrices that need threads, and to start them takes as long as
         # numpy's import.  A number of threads that the user sets counts.
@@ -121,13 +124,13 @@ def _runs(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--csv",
     "table",
-    type=_path,
+    type=_file,
     help="Write the ledger, with every grid, to this file.",
 )
 @click.option(
     "--keep",
     "saved",
-    type=_path,
+    type=_file,
     help="Write what it rests on, a row for each scene and pair.",
 )
 @click.option("--charts", type=_path, help="Draw the charts into this folder.")
@@ -171,12 +174,12 @@ def cite(**_: Any) -> None:
 @click.command()
 @click.argument("verdicts", type=_path, nargs=-1, required=True, metavar="[OLD] NEW")
 @click.option(
-    "--csv", "table", type=_path, help="Write every value that moved to this file."
+    "--csv", "table", type=_file, help="Write every value that moved to this file."
 )
 @click.option(
     "--keep",
     "saved",
-    type=_path,
+    type=_file,
     help="Save the values of NEW in this small .csv, a later OLD.",
 )
 @_runs
@@ -215,7 +218,7 @@ def crosscheck(**_: Any) -> None:
 
 @click.command()
 @click.argument("case")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("file", type=_file)
 @case_size
 @_runs
 def export(**_: Any) -> None:

@@ -6,7 +6,9 @@ The modules of solvers are not imported here, so that `--help` is fast.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import itertools
+import os
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,55 @@ import click
 from epcontact.errors import NotEnoughMemory
 from epcontact.harness.case_files.text import SIZES
 from epcontact.machine import address_space_limit
+
+
+class OutputFile(click.Path):
+    """The type of an option or argument that names a file to write.
+
+    A file that exists is refused unless it is of the kind that its name says, see
+    `files.require_replaceable`.  Tables (.csv) are checked by their columns when they
+    are written.  `require_separate_outputs` refuses a file that the command reads.
+    """
+
+    def __init__(self) -> None:
+        """Describe a path that is no folder."""
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Path:
+        """Return the path; raise OutputError if its file must not be replaced."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if path.suffix != ".csv":
+            import_module("epcontact.files").require_replaceable(path)
+        return path
+
+
+def require_separate_outputs(command: click.Command, values: Mapping[str, Any]) -> None:
+    """Raise UsageError if a command would write over a file that it reads.
+
+    Args:
+        command: The command; its outputs have the type `OutputFile`.
+        values: The values of its options and arguments by name; any other text or path
+            may name a file to read.
+    """
+    outputs = []
+    inputs = []
+    for parameter in command.params:
+        given = values.get(parameter.name or "")
+        is_output = isinstance(parameter.type, OutputFile)
+        for value in given if isinstance(given, tuple) else (given,):
+            if isinstance(value, str | Path) and os.path.isfile(value):
+                (outputs if is_output else inputs).append(value)
+    for output, source in itertools.product(outputs, inputs):
+        if os.path.samefile(output, source):
+            raise click.UsageError(
+                f"{output} is read by this command; write to another file"
+            )
+
 
 size = click.option(
     "--size",

@@ -165,8 +165,10 @@ def save_values(values: pd.DataFrame, path: Path) -> None:
 
     Raises:
         OutputError: if the file cannot be written.
-        InvalidCase: if it exists and is no such table.
+        InvalidCase: if it exists and is no such table, or does not end with .csv.
     """
+    if path.suffix != ".csv":
+        raise InvalidCase(f"{path}: a table of values is saved as .csv")
     if path.is_file():
         before = read_values(path)
         cases = pd.MultiIndex.from_frame(values[_CASE])

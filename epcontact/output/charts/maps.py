@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from epcontact.errors import OutputError
 from epcontact.files import write_bytes
 from epcontact.output.charts import style
 from epcontact.output.charts.figures import (
@@ -230,8 +231,15 @@ def save_map(source: Path, target: Path) -> None:
             stem of the four files of a chart, see `Chart.save`.
 
     Raises:
-        OutputError: if a file cannot be read or written.
+        OutputError: if a file cannot be read or written, or if a table or a text has
+            the name of one of the four files and there is no picture beside it.
     """
+    data = [Path(f"{target}{end}") for end in (".csv", ".txt")]
+    if any(map(Path.exists, data)) and not Path(f"{target}.png").exists():
+        raise OutputError(
+            f"cannot write {target}.csv and .txt: one exists that belongs to no "
+            "picture; give another name"
+        )
     chart = map_of_file(source)
     if target.suffix == ".png":
         write_bytes(target, chart.png())
