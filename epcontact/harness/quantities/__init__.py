@@ -13,7 +13,10 @@ from epcontact.harness.quantities import (  # noqa: F401
 
 #: Modules of rooms above the harness that register quantities.  They are named and not
 #: imported by a statement, because imports lead down.
-_ABOVE = ("epcontact.crosscheck.model_difference",)
+_ABOVE = (
+    "epcontact.crosscheck.model_difference",
+    "epcontact.crosscheck.second_solves",
+)
 
 for _module in _ABOVE:
     importlib.import_module(_module)

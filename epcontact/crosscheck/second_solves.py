@@ -1,0 +1,94 @@
+"""Quantities that need a second solve of the same finite elements.
+
+A rough top is part of the mesh with `geometry = "moved"`; with "gap" the block is flat.
+quantity.moved_* is what the slope of the rough top changes.  quantity.limit_pressure is
+the pressure at which a body flows freely, found by a load that it cannot carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import fem_check
+from epcontact.errors import InvalidCase
+from epcontact.harness.gates import Difference, difference
+from epcontact.harness.quantities.registry import quantity
+from epcontact.harness.quantities.solved_scene import SolvedScene
+from epcontact.results import ContactResult
+from epcontact.scene import Load
+from fem_check.free_flow import FlowsFreely
+
+#: Mean pressure on the contact over the yield stress that no flat punch carries: limit
+#: analysis gives at most 3.3.
+_BEYOND_LIMIT = 4.0
+
+
+def solve_again(
+    solved: SolvedScene, load: Load | None = None, **changes: Any
+) -> ContactResult:
+    """Return a second result of the finite elements that solved a scene.
+
+    Args:
+        solved: the scene and its result by finite elements.
+        load: instead of the scene's; None: the scene's.
+        changes: options of the elements by name that differ from those of the result.
+    """
+    scene = replace(solved.scene, load=load or solved.scene.load)
+    options = {**solved.result.provenance.options, **changes}
+    return fem_check.solve(
+        scene, certified=False, threads=solved.threads, **options
+    )
+
+
+#: Meanings of the quantities quantity.moved_*, by last word.
+_MOVED = {
+    "area": "A_moved/A_gap - 1 of the raw areas",
+    "pressure": "L2 difference of the pressures, over the L2 norm of those of the gap",
+    "distance": (
+        "Wasserstein distance of the distributions of pressure, over the hardness"
+    ),
+}
+
+
+@quantity("–", name="moved_{}", each=_MOVED)
+def moved(solved: SolvedScene, part: str) -> float:
+    """{}, of a rough top and of a flat top with the gap.
+
+    The first line is a template for the meaning of quantity.moved_<part>.  `part` is
+    area, pressure or distance.  Raises InvalidCase if the top nodes are not moved.
+    """
+    geometry = solved.result.provenance.options.get("geometry")
+    if geometry != "moved":
+        raise InvalidCase(
+            f"the geometry is {geometry}, but a rough top needs geometry = 'moved'"
+        )
+    from_gap = solved.once(_from_gap)
+    values = {
+        "area": from_gap.area,
+        "pressure": from_gap.pressure,
+        "distance": from_gap.wasserstein,
+    }
+    return values[part]
+
+
+def _from_gap(solved: SolvedScene) -> Difference:
+    """Return the difference of a result from that of the same block with a flat top."""
+    flat = solve_again(solved, geometry="gap")
+    return difference(solved.result, flat, solved.scene.material.hardness)
+
+
+@quantity("Pa")
+def limit_pressure(solved: SolvedScene) -> float:
+    """mean pressure on the contact at which the body flows freely.
+
+    The contact is that of the scene, and must not grow, such as that of a flat punch.
+    Raises InvalidCase if the body carries four yield stresses on it.
+    """
+    area = solved.result.final.areas["raw"].total
+    beyond = _BEYOND_LIMIT * solved.scene.material.yield_stress * area
+    try:
+        solve_again(solved, Load(beyond))
+    except FlowsFreely as error:
+        return error.limit / area
+    raise InvalidCase("the body carries four yield stresses and does not flow freely")
