@@ -3,6 +3,7 @@ mistake.
 """
 
 import io
+import itertools
 import json
 import os
 import re
@@ -29,7 +30,12 @@ from epcontact.cli.ascii_forms import ASCII_FORMS, encodable
 from epcontact.cli.main import COMMANDS, cli
 from epcontact.cli.options import OutputFile
 from epcontact.cli.progress import ProgressLine, show_progress, show_sentences
-from epcontact.cli.tables import results_table, verdict_table
+from epcontact.cli.tables import (
+    cases_table,
+    loads_table,
+    results_table,
+    verdict_table,
+)
 from epcontact.cli.terminal import new_table, print_rows, print_sentence, text_of
 from epcontact.errors import OutputError, sentence_of
 from epcontact.harness.case_files.case import find_case, load_case
@@ -41,9 +47,11 @@ from epcontact.harness.solving.tasks import Run, tasks_of
 from epcontact.harness.verdict.compare import RELEASE_VALUES
 from epcontact.harness.verdict.judgement import Verdict
 from epcontact.harness.verdict.verification import cases_to_verify, verify
+from epcontact.output.loads import load_cells
 from epcontact.output.view import load_steps
 from epcontact.output.vtk import read_fields
 from epcontact.planning.plan import load_auto
+from epcontact.results import COLUMNS
 from epcontact.scene import Load
 
 ONE = ("seeds = [3, 5, 7]", "seeds = [3]")
@@ -476,6 +484,67 @@ def test_figures_are_whole_on_every_terminal(write_case, tmp_path, capsys):
         )
         assert shown.count("…") == 1  # of the band; no figure is cut off
         assert shown.count("[m]") == 20
+
+
+def rows_of_loads(loads, methods):
+    """Return loads of methods for `loads_table`, with all columns and long numbers."""
+    pressures = np.geomspace(1.2345e5, 9.8765e8, loads)
+    rows = []
+    for number, pressure in enumerate(pressures):
+        row = {"branch": "unloading" if number else "loading"}
+        for column, name in enumerate(COLUMNS):
+            mean = 0.0097127 * (column + 1) * 1.7**number
+            row[name] = {"mean": mean, "error": mean * 0.12345, "parts": {}}
+        row["mean_pressure"] = {"mean": pressure, "error": 0.0}
+        row["total_area"]["parts"] = {"grid": 1.23e-3, "hardness": 4.5e-4}
+        rows.append(row)
+    return dict.fromkeys(methods, (rows, "12"))
+
+
+@pytest.mark.parametrize(
+    ("loads", "methods"),
+    [
+        (1, ("bem",)),
+        (3, ("persson", "bem")),
+        (6, ("bem",)),
+        (2, ("a_solver_of_somebody_else", "bem", "fem")),
+    ],
+)
+def test_no_table_of_loads_breaks_a_word_or_number_at_any_width(capsys, loads, methods):
+    """At 60 to 220 columns each word of the cells and headings stands in one piece,
+    cells without blanks included, and no line is longer than the terminal.
+    """
+    rows = rows_of_loads(loads, methods)
+    names = [name for name in COLUMNS if name != "elastic_area"]
+    texts = load_cells(next(iter(rows.values()))[0], {n: COLUMNS[n] for n in names})
+    words = {word for line in texts for text in line for word in text.split()}
+    words = {word.rstrip(",") for word in words} | set(methods)
+    for width in range(60, 221):
+        Console(width=width).print(loads_table(rows, "method", width))
+        shown = capsys.readouterr().out
+        assert max(map(len, shown.splitlines())) <= width
+        found = {word.rstrip(",") for word in shown.split()}
+        assert words <= found, (width, words - found)
+
+
+def test_no_table_of_a_verdict_breaks_a_word_or_number_at_any_width(tmp_path, capsys):
+    """At 60 to 220 columns the tables of a verdict hold the words of their widest form
+    that they have room for in one piece: numbers, statuses and ids of cases.
+    """
+    names = ["hertz-sphere", "punch-capped"]
+    verdict = verify(names, output=tmp_path, jobs=1)
+    tables = (cases_table, verdict_table)
+    for make, width in itertools.product(tables, range(60, 221)):
+        table = make(verdict.cases, width)
+        cells = [cell for column in table.columns for cell in column.cells]
+        texts = [getattr(cell, "renderable", cell) for cell in cells]
+        words = {word for text in texts for word in str(text).split()}
+        for case in verdict.cases:
+            words -= set(case.requirement.split())  # is cut off where it has no room
+        Console(width=width).print(table)
+        shown = capsys.readouterr().out
+        assert max(map(len, shown.splitlines())) <= width
+        assert words <= set(shown.split()), (make, width, words - set(shown.split()))
 
 
 # --- mistakes, interrupts and closed doors

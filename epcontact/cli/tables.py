@@ -11,6 +11,8 @@ from rich.text import Text
 
 from epcontact.cli.terminal import (
     WIDE,
+    WordsTable,
+    as_list,
     fit_table,
     new_table,
     print_sentence,
@@ -59,8 +61,10 @@ def loads_table(
 ) -> Table:
     """Return a table of the loads of several results.
 
-    A terminal with fewer columns than WIDE gets a line for each cell.  The elastic area
-    is left out, because it is in the files.
+    Each load is a row, and each quantity a column.  Where a row has no room, and on a
+    terminal with fewer columns than WIDE, each quantity is a row and each load a
+    column; where that has no room, either, there is a line for each cell.  The elastic
+    area is left out, because it is in the files.
 
     A cell "mean ± error" has the half-width of a 95 % interval; it is written by
     `epcontact.output.loads._cell`.  The error is computed from the solved load steps by
@@ -80,16 +84,33 @@ def loads_table(
     columns = {name: unit for name, unit in COLUMNS.items() if name != "elastic_area"}
     all_rows = [row for rows, _ in loads.values() for row in rows]
     titles, *cells = load_cells(all_rows, {**columns, **units})
-    first_title, *other_titles = titles
-    table = new_table((kind, first_title), (*other_titles, "surfaces"))
-    lines = iter(cells)
-    for name, (rows, last) in loads.items():
-        for _ in rows:
-            texts = [name, *next(lines), last]
-            if width >= WIDE:
-                texts = [x.replace(", ", "\n").replace(" ±", "\n±") for x in texts]
-            table.add_row(*texts)
-    return fit_table(table, width, WIDE)
+    lines = [[kind, *titles, "surfaces"]]
+    names = [(name, last) for name, (rows, last) in loads.items() for _ in rows]
+    for (name, last), texts in zip(names, cells, strict=True):
+        lines.append([name, *(x.replace(", ", "\n") for x in texts), last])
+    in_two_lines = [[text.replace(" ±", "\n±") for text in line] for line in lines]
+    table = _table_of_lines(in_two_lines, 2)
+    table.narrower = _table_of_lines([*zip(*lines, strict=True)], 1)
+    table.narrower.narrower = _table_of_lines([*zip(*in_two_lines, strict=True)], 1)
+    table.narrower.narrower.narrower = as_list(_table_of_lines(lines, 2))
+    if width >= WIDE:
+        return table
+    return table.narrower
+
+
+def _table_of_lines(lines: Sequence[Sequence[str]], names: int) -> WordsTable:
+    """Return a table of lines, the first of which has the headings.
+
+    `names` is the number of columns, from the left, that hold words; the numbers in the
+    others stay in one piece.
+    """
+    headings, *rows = lines
+    table = new_table(headings[:names], headings[names:])
+    for column in table.columns[names:]:
+        column.no_wrap = names == 1
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Table:

@@ -11,7 +11,8 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.measure import Measurement
 from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
@@ -23,6 +24,8 @@ from epcontact.errors import without_controls
 WIDE = 150
 #: The fewest columns at which other rows are a table.
 NARROW = 75
+#: Columns between two columns of a table.
+_GAP = 2
 #: Columns of a pipe or file, which has no width of its own.
 _PIPE = 200
 
@@ -49,8 +52,18 @@ def open_console(pipe: int = _PIPE) -> Console:
     return Console(width=pipe)
 
 
-class _WordsTable(Table):
-    """A table whose cells are words, not markup."""
+class WordsTable(Table):
+    """A table whose cells are words, not markup, and that breaks no word or number.
+
+    Where its columns need more room than there is, `narrower` is printed in its place.
+
+    Attributes:
+        narrower: Another table of the same content; None: a list of the cells.
+        is_list: Whether this table is such a list, which breaks words if it must.
+    """
+
+    narrower: Table | None = None
+    is_list = False
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """Add a row; strings become cells by `text_of`.
@@ -62,8 +75,48 @@ class _WordsTable(Table):
         texts = [text_of(cell) if isinstance(cell, str) else cell for cell in cells]
         super().add_row(*texts, **options)
 
+    def __rich_console__(
+        self, console: Console, options: ConsoleOptions
+    ) -> RenderResult:
+        """Yield the lines of this table, or those of the narrower one."""
+        if self._fits(console, options) or self.is_list:
+            yield from super().__rich_console__(console, options)
+        else:
+            yield self.narrower or as_list(self)
 
-def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
+    def _fits(self, console: Console, options: ConsoleOptions) -> bool:
+        """Set the widths of the columns, the widest of which are narrowed to fit.
+
+        Returns:
+            Whether every word has room; if not, the widths are left to rich.
+        """
+        least = []
+        widths = []
+        for column in self.columns:
+            column.width = None
+            cells = [column.header, *column.cells]
+            sizes = [Measurement.get(console, options, cell) for cell in cells]
+            width = max(size.maximum for size in sizes)
+            longest_word = max(size.minimum for size in sizes)
+            if column.no_wrap:
+                longest_word = width
+            if column.max_width is not None:  # what is longer may be cut off
+                width = min(width, column.max_width)
+                longest_word = 0
+            least.append(longest_word)
+            widths.append(width)
+        room = options.max_width - _GAP * (len(widths) - 1)
+        if sum(least) > room:
+            return False
+        while sum(widths) > room:
+            spare = [a if a > b else 0 for a, b in zip(widths, least, strict=True)]
+            widths[spare.index(max(spare))] -= 1
+        for column, width in zip(self.columns, widths, strict=True):
+            column.width = width
+        return True
+
+
+def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> WordsTable:
     """Return an empty table without lines.
 
     Args:
@@ -73,7 +126,7 @@ def new_table(texts: Sequence[str], numbers: Sequence[str] = ()) -> Table:
     columns = [Column(text_of(h), overflow="fold", justify="left") for h in texts]
     for heading in numbers:
         columns.append(Column(text_of(heading), overflow="fold", justify="right"))
-    return _WordsTable(*columns, box=None, pad_edge=False)
+    return WordsTable(*columns, box=None, pad_edge=False)
 
 
 def fit_table(table: Table, width: int, fewest: int = NARROW) -> Table:
@@ -82,13 +135,22 @@ def fit_table(table: Table, width: int, fewest: int = NARROW) -> Table:
     Args:
         table: The table.
         width: Columns of the terminal.
-        fewest: If the terminal has fewer columns, each cell that is not empty becomes a
-            line with its heading; a row of one cell becomes a title.
+        fewest: Columns of the terminal below which the cells are a list.
     """
     if width >= fewest:
         return table
+    return as_list(table)
+
+
+def as_list(table: Table) -> Table:
+    """Return a list of the cells of a table.
+
+    Each cell that is not empty becomes a line with its heading, and a row of one cell
+    becomes a title.
+    """
     lines = new_table(("", ""))
     lines.show_header = False
+    lines.is_list = True
     headings = [column.header for column in table.columns]
     for row in zip(*(column.cells for column in table.columns), strict=True):
         filled = []
