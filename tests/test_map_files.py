@@ -13,6 +13,7 @@ from epcontact import Load, Material, Scene, bem
 from epcontact.errors import InvalidScene
 from epcontact.surfaces import HeightsFromFile
 from epcontact.surfaces.profiles import profile_map
+from epcontact.surfaces.readers import read_heights
 
 pytestmark = pytest.mark.filterwarnings("ignore::epcontact.SurfaceWarning")
 
@@ -89,6 +90,80 @@ def test_a_table_of_x_and_height_is_a_line(tmp_path, name, header, has_numbers):
     surface = recipe.build()
     assert surface.heights == pytest.approx(1e-6 * (Z - Z.mean()), abs=1e-12)
     assert "solved as a surface of ridges" in str(surface.notes)
+
+
+#: Lines that state lengths of the instrument, and no units of columns.
+OTHER_LENGTHS = (
+    "Cutoff 0.8 mm; tip radius 2 µm",
+    "Cutoff 0,8 mm, tip 2 µm",
+    "Filter: 2.5 mm; 8 µm; 25 nm",
+    "Stage (0.8 mm); probe (2 µm)",
+    "Range x (mm): 5; range z (mm): 2",
+    "Range x [mm] 5, range z [mm] 2",
+    "Field 1.25 [mm], depth 0.5 [mm]",
+    "Lc = .8 mm\tLs = 2.5 µm",
+)
+
+
+UNITS_OF_COLUMNS = (
+    "X [µm]\nZ [nm]\n",
+    "X [µm]\tZ [nm]\n",
+    "X unit: µm\nZ unit: nm\n",
+    "X µm, Z nm\n",
+)
+
+
+@pytest.mark.parametrize("line", OTHER_LENGTHS)
+@pytest.mark.parametrize("units", UNITS_OF_COLUMNS)
+@pytest.mark.parametrize("is_above", [True, False])
+def test_lengths_in_a_header_are_no_units_of_columns(tmp_path, line, units, is_above):
+    """A line with values scales neither a profile, nor points of a map; the units that
+    other lines state count, whichever of both is first.
+    """
+    header = f"{line}\n{units}" if is_above else f"{units}{line}\n"
+    path = written(tmp_path / "a.txt", header + table([X, Z]))
+    heights = read_heights(path)
+    assert heights.unit == pytest.approx(1e-9)
+    assert heights.periods[0] * heights.length_unit == pytest.approx(2.5e-6, rel=1e-3)
+    x, y = np.meshgrid(np.arange(12.0), np.arange(9.0))
+    z = np.sin(x) + np.cos(y)
+    points = table([x.ravel(), y.ravel(), z.ravel()])
+    heights = read_heights(written(tmp_path / "b.txt", header + points))
+    assert heights.unit == pytest.approx(1e-9)
+    assert heights.periods[0] * heights.length_unit == pytest.approx(12e-6, rel=1e-3)
+    # Without other lines nothing is stated.
+    heights = read_heights(written(tmp_path / "c.txt", f"{line}\n{table([X, Z])}"))
+    assert (heights.unit, heights.length_unit) == (None, None)
+
+
+NO_HEIGHTS = ("1.#QNAN", "-1.#IND", "1.#QNAN0", "-1.#IND00", "1.#SNAN", "#N/A")
+NO_HEIGHTS += ("#NV", "#VALUE!", "#DIV/0!", "#NUM!", "#WERT!", "#n/a", "No data")
+
+
+@pytest.mark.parametrize("cell", NO_HEIGHTS)
+def test_a_cell_with_a_number_sign_is_a_missing_height(tmp_path, cell):
+    """What C and spreadsheets write for no number is a point without a height wherever
+    it stands, and begins no comment; a comment behind a line is left out.
+    """
+    heights = np.add.outer(np.arange(6.0), 0.1 * np.arange(8.0))
+    places = [(3, 0), (0, 4), (5, 7), (0, 0)]
+    for separator, place in itertools.product(("\t", ";", ",", "  "), places):
+        lines = [[f"{h:.3f}" for h in row] for row in heights]
+        lines[place[0]][place[1]] = cell
+        text = "\n".join(separator.join(line) for line in lines)
+        path = written(tmp_path / "a.txt", f"# heights # 1\n{text} # the last line\n")
+        expected = np.round(heights, 3)
+        expected[place] = np.nan
+        found = read_heights(path).heights
+        np.testing.assert_array_equal(found, expected.T, f"{separator}{place}")
+
+
+@pytest.mark.parametrize("cell", ["1.#INF", "-1.#INF00"])
+def test_an_infinite_height_is_no_height_of_one(tmp_path, cell):
+    """The infinity of C is refused as that of every other spelling is."""
+    path = written(tmp_path / "a.txt", f"1 2 3\n4 {cell} 6\n7 8 9\n")
+    with pytest.raises(InvalidScene, match="inf"):
+        HeightsFromFile(path, (1e-6, 1e-6), 1e-9, "periodic").build()
 
 
 def test_the_area_of_a_profile_is_that_of_its_line(tmp_path):

@@ -53,8 +53,8 @@ def require_separate_outputs(command: click.Command, values: Mapping[str, Any]) 
         values: The values of its options and arguments by name; any other text or path
             may name a file to read.
     """
-    outputs = []
-    inputs = []
+    outputs: list[str | Path] = []
+    inputs: list[str | Path] = []
     for parameter in command.params:
         given = values.get(parameter.name or "")
         is_output = isinstance(parameter.type, OutputFile)

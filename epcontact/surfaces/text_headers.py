@@ -71,13 +71,17 @@ _UNIT_OF_HEIGHTS = (
     r"|z[-_ ]?ax(?:is|e)|unités(?: de valeur)?|unità valore|unidades de valor)"
 )
 _UNIT_OF_LENGTHS = (
-    r"(?:(?:x|xy|x[-_ ]?y|lateral|length|horizontal)[-_ ]?units?"
+    r"(?:x(?=\s*[(\[/])|(?:x|xy|x[-_ ]?y|lateral|length|horizontal)[-_ ]?units?"
     r"|units?[-_ ]?(?:of[-_ ])?(?:the[-_ ])?(?:x|xy|lengths?)|x[-_ ]?ax(?:is|e))"
 )
-#: A word for heights, other words, and their unit: "heights, in micrometres".
+#: A number that is the value of something, such as "0.8 mm", "2.5 [µm]", "= 5" or
+#: "(mm) 5"; the heading of a column holds none.
+_VALUE = rf"(?<![\w.,]){_NUMBER}\s*{_UNIT}|\d[.,]\d+\s*[(\[]|[:=)\]]\s*{_NUMBER}"
+#: A word for heights, other words, and their unit: "heights, in micrometres"; no number
+#: follows, as in "range of z (mm): 2".
 _HEIGHTS_IN = (
     rf"\b(?:heights?|z|values?|höhen?)\b[^:=\d(\[]*?"
-    rf"(?:\bin\s+|[(\[/]\s*)(?P<unit>{_UNIT})"
+    rf"(?:\bin\s+|[(\[/]\s*)(?P<unit>{_UNIT})(?![\s)\]:=]*\d)"
 )
 
 
@@ -257,12 +261,15 @@ def _column_units(lines: list[str]) -> tuple[float | None, ...]:
     """Return the unit in m of each column of a list of points, () if none is stated.
 
     The last line counts that has two or three units in brackets, behind a stroke or
-    behind a word: "x [mm]; z [µm]", "Lateral um, Profile Å", "mm nm".
+    behind a word: "x [mm]; z [µm]", "Lateral um, Profile Å", "mm nm".  A line with
+    values, such as "Cutoff 0.8 mm; tip radius 2 µm", is none.
 
     Args:
         lines: the lines of the header in lower case.
     """
     for line in reversed(lines):
+        if re.search(_VALUE, line):
+            continue
         bracketed = re.findall(rf"[(\[/]\s*({_UNIT}|a(?=\s*[)\]]))", line)
         if len(bracketed) in (2, 3):
             return tuple(unit_in_metres(word) for word in bracketed)

@@ -2,11 +2,11 @@
 
 The separator is a semicolon, a tabulator, a comma or white space.  With any but the
 comma, numbers may have a decimal comma.  Lines above the table that do not begin with a
-number are its header, and # begins a comment.  Empty cells and NaN are points without a
-height.  Text that is not UTF-8 is read as UTF-16 if it begins like it, otherwise as
-Latin-1.  The heights of a table are as in a picture: x runs along its lines.  Three
-columns of x, y and height on a grid are a map, whose missing points have no height, and
-columns of x and height are a profile.
+number are its header, and # begins a comment.  Empty cells, NaN and the errors of
+spreadsheets (#N/A) are points without a height.  Text that is not UTF-8 is read as
+UTF-16 if it begins like it, otherwise as Latin-1.  The heights of a table are as in a
+picture: x runs along its lines.  Three columns of x, y and height on a grid are a map,
+whose missing points have no height, and columns of x and height are a profile.
 """
 
 from __future__ import annotations
@@ -42,6 +42,10 @@ from epcontact.surfaces.text_headers import (
 
 #: Words for a point without a height.
 MISSING = {"", "nan", "na", "n/a", "bad", "---", "--", "-"}
+#: What C writes for a number that is none, and spreadsheets for a cell without a value.
+#: The # in these cells begins no comment.
+_NO_NUMBER = r"[-+]?1[.,]#(?!inf)[a-z]+\d*|#(?:n/?a|nv|\w+(?:/0)?[!?])"
+_INFINITE = r"1[.,]#inf\d*"
 #: How a line that begins with a number begins.
 _NUMBER_FIRST = r"[+-]?[.,]?\d"
 #: Most characters of a wrong cell that a message shows.
@@ -257,7 +261,9 @@ def _numbered_lines(text: str) -> dict[int, str]:
 
     Comments (from # on), quotes and white space at both ends are removed.
     """
-    text = re.sub("no data", "nan", text, flags=re.IGNORECASE)
+    for cell, number_word in (("no data|" + _NO_NUMBER, "nan"), (_INFINITE, "inf")):
+        pattern = rf"(?<![\w#])(?:{cell})(?![\w#])"
+        text = re.sub(pattern, number_word, text, flags=re.IGNORECASE)
     lines = {}
     for number, line in enumerate(text.splitlines(), 1):
         content = line.partition("#")[0].replace('"', "").strip(" \r\n\ufeff")
