@@ -15,9 +15,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fem_check.driver import solve, solve_path, surface_compliance
     from fem_check.options import FemOptions
+    from fem_check.plain_result import solve_plain
     from fem_check.vtu import mesh_of
 
-__all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
+__all__ = [
+    "FemOptions",
+    "mesh_of",
+    "solve",
+    "solve_path",
+    "solve_plain",
+    "surface_compliance",
+]
 
 
 def __getattr__(name: str) -> Any:

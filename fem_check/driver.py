@@ -25,12 +25,20 @@ from fem_check.linear_solver import factorise
 from fem_check.mesh import block_for, flat_elements, moved_elements, require_memory
 from fem_check.options import FemOptions
 from fem_check.path import PathPoint, SolvedPath, path_targets, solve_points
+from fem_check.plain_result import solve_plain
 from fem_check.problem import Problem
 from fem_check.result import contact_result
 from fem_check.vtu import SUFFIXES, mesh_of, write_step
 from fem_check.workers import Workers
 
-__all__ = ["FemOptions", "mesh_of", "solve", "solve_path", "surface_compliance"]
+__all__ = [
+    "FemOptions",
+    "mesh_of",
+    "solve",
+    "solve_path",
+    "solve_plain",
+    "surface_compliance",
+]
 
 
 def solve(

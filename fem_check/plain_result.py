@@ -1,8 +1,8 @@
 """A scene answered by the plain finite elements: the method "plain".
 
-`solve` builds the block of a scene, solves its load path by `plain.solve_path` and
-returns a result.  The block has the nodes that the fast elements choose for the scene,
-and its areas are estimated by the same functions; the mechanics is that of `plain`.
+`solve_plain` builds the block of a scene, solves its load path by `plain.solve_path`
+and returns a result.  The block has the nodes that the fast elements choose for the
+scene, and its areas are estimated by the same functions; the mechanics is `plain`'s.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from fem_check.result import areas, distribution
 MOST_ELEMENTS = 20_000
 
 
-def solve(
+def solve_plain(
     scene: Scene,
     options: FemOptions | None = None,
     *,
@@ -52,7 +52,7 @@ def solve(
         scene: the surface, the material, the body and the mean pressures.
         options: of the solve; None: the defaults of `FemOptions`.
         on_step: called after each load with the result up to it.
-        changes: single options by name, as in `solve(scene, law="elastic")`.
+        changes: single options by name, as in `solve_plain(scene, law="elastic")`.
 
     Returns:
         The result with one step for each mean pressure and the fields of the last one.
@@ -66,7 +66,7 @@ def solve(
         >>> from epcontact.scene import Load, Material, Scene, Surface
         >>> heights = 0.01 * np.cos(2 * np.pi * np.arange(16) / 16)
         >>> scene = Scene(Surface(heights, (1.0,)), Material(1.0, 0.3), Load(0.01))
-        >>> solve(scene, law="elastic").final.areas["raw"].total
+        >>> solve_plain(scene, law="elastic").final.areas["raw"].total
         0.4375
     """
     require_kind("scene", scene, Scene)

@@ -72,7 +72,9 @@ def test_the_results_of_both_have_the_same_quantities(name):
     """Areas, fields and each quantity of each load agree to 1e-7 of the largest."""
     scene, changes = SCENES[name]
     fast = fem_check.solve(scene, layers=4, tolerance=1e-10, steps=3, **changes)
-    result = plain_result.solve(scene, layers=4, tolerance=1e-10, steps=3, **changes)
+    result = plain_result.solve_plain(
+        scene, layers=4, tolerance=1e-10, steps=3, **changes
+    )
     for step, expected in zip(result.steps, fast.steps, strict=True):
         assert step.areas == expected.areas
         assert step.quantities.keys() == expected.quantities.keys()
@@ -87,7 +89,7 @@ def test_a_call_after_each_load_has_the_result_so_far():
     """`on_step` is called once for each load; the last call has the complete result."""
     scene, _ = SCENES["moved"]
     calls = []
-    result = plain_result.solve(
+    result = plain_result.solve_plain(
         scene, layers=3, geometry="moved", law="elastic", on_step=calls.append
     )
     assert [len(call.steps) for call in calls] == [1, 2]
@@ -100,27 +102,27 @@ def test_a_call_after_each_load_has_the_result_so_far():
 def test_what_it_does_not_have_is_refused(changes):
     """A cap, a punch and a prescribed approach are refused with a sentence."""
     with pytest.raises(InvalidScene, match="take the method fem"):
-        plain_result.solve(SCENES["elastic"][0], **changes)
+        plain_result.solve_plain(SCENES["elastic"][0], **changes)
 
 
 def test_large_blocks_are_refused_before_they_are_built():
     """A block of more than 20,000 elements is refused, and the sentence has both."""
     with pytest.raises(InvalidScene, match=r"409600 elements.*at most 20000"):
-        plain_result.solve(rough_scene(64, 3), layers=100)
+        plain_result.solve_plain(rough_scene(64, 3), layers=100)
 
 
 def test_deep_valleys_are_refused_where_nodes_are_moved():
     """A valley below the base turns an element inside out."""
     scene = rough_scene(8, 2, slope=0.5)
     with pytest.raises(InvalidScene, match="inside out"):
-        plain_result.solve(scene, geometry="moved", depth=0.02, layers=2)
+        plain_result.solve_plain(scene, geometry="moved", depth=0.02, layers=2)
 
 
 def test_a_solve_that_does_not_converge_raises(monkeypatch):
     """With a single Newton step an increment ends with the residuals that it has."""
     monkeypatch.setattr(plain, "MOST_NEWTON_STEPS", 1)
     with pytest.raises(NotConverged) as raised:
-        plain_result.solve(SCENES["elastic"][0], law="elastic", layers=3)
+        plain_result.solve_plain(SCENES["elastic"][0], law="elastic", layers=3)
     assert raised.value.residuals["load"] == pytest.approx(1.0)
 
 

@@ -36,9 +36,7 @@ def solve_again(
     """
     scene = replace(solved.scene, load=load or solved.scene.load)
     options = {**solved.result.provenance.options, **changes}
-    return fem_check.solve(
-        scene, certified=False, threads=solved.threads, **options
-    )
+    return fem_check.solve(scene, certified=False, threads=solved.threads, **options)
 
 
 #: Meanings of the quantities quantity.moved_*, by last word.

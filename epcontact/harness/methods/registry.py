@@ -428,7 +428,9 @@ def _plain(
     `options` are those of the finite elements (the table [fem]).  `threads` has no
     effect.
     """
-    return plain_result.solve(without_alternatives(scene), on_step=on_load, **options)
+    return plain_result.solve_plain(
+        without_alternatives(scene), on_step=on_load, **options
+    )
 
 
 def _peer(
