@@ -1,4 +1,4 @@
-"""The theory of a scene: results, refusals, curves, energy, separation and hardness."""
+"""The theory of a scene: results, refusals, curves, energy and separation."""
 
 import math
 from dataclasses import replace
@@ -20,10 +20,7 @@ from epcontact.persson import (
     analytic_roughness,
     areas,
     driver,
-    hardness_curve,
-    roughness_of,
 )
-from epcontact.persson.hardness import StressState, evolve
 from epcontact.persson.reduction import reduced_diffusion
 from epcontact.persson.separation import (
     elastic_energy,
@@ -45,8 +42,7 @@ SURFACE = SelfAffine(SPECTRUM, (PERIOD, PERIOD), (64, 64), 11).build()
 SCENE = Scene(SURFACE, METAL, Load((2e9, 12.5e9)))
 
 
-WIDE, PAPER = (SelfAffineSpectrum(0.8, 2.5e4, 1e5, high, 1.0) for high in (16e5, 64e5))
-LINE = SelfAffineSpectrum(0.8, 1e5, 1e5, 32e5, 1.0)
+WIDE = SelfAffineSpectrum(0.8, 2.5e4, 1e5, 16e5, 1.0)
 # The diffusion of the paper's scene in GPa^2: slope 1, full contact.
 TAU = 250.0**2 / 8
 #: Each rule with a gamma that was published for it, and its factor at A = 1/2.
@@ -72,42 +68,6 @@ def body(roughness, hardness=math.inf, rule="constant"):
 def model(bands=512, hardness=math.inf):
     """Return the theory of the spectrum WIDE in `bands` bands; `hardness` is in Pa."""
     return body(analytic_roughness(WIDE, bands), hardness)
-
-
-def law(zeta):
-    """Return the hardness in Pa at magnifications zeta: 100 GPa zeta^0.15."""
-    return 100e9 * zeta**0.15
-
-
-def constant_law(zeta):
-    """Return a hardness of 150 GPa at each magnification, in Pa."""
-    return np.full(zeta.shape, 150e9)
-
-
-def kinked_law(zeta):
-    """Return a hardness of 100 GPa up to the magnification 16, then rising, in Pa."""
-    return 100e9 * np.maximum(zeta / 16, 1) ** 0.3
-
-
-def soft_law(zeta):
-    """Return a hardness (Pa) that is below the mean pressure at magnification 1."""
-    return 10e9 * zeta
-
-
-def law_without_values(zeta):
-    """Return NaN at each magnification."""
-    return zeta * np.nan
-
-
-def falling_law(zeta):
-    """Return a hardness in Pa that falls with the magnification."""
-    return 150e9 * zeta**-0.01
-
-
-ROUGH = body(analytic_roughness(PAPER))
-OWN = body(
-    roughness_of(SelfAffine(LINE, (PERIOD, PERIOD), (128, 128), 4).build(), "surface")
-)
 
 
 def solve(scene=SCENE, **options):
@@ -443,109 +403,3 @@ def test_flow_lets_the_surfaces_approach_and_flattens_the_short_waves_first():
         assert_allclose(find(model(64, 1e15), 5e9), find(model(64), 5e9), rtol=1e-14)
         with pytest.raises(InvalidScene, match="mean_pressure"):
             find(model(64, 10e9), 10e9)
-
-
-@pytest.mark.parametrize("kappa", [0.5, 2.0])
-def test_the_self_similar_solution_with_second_order(kappa):
-    """`evolve` has second order for a hardness that rises as Y = sqrt(2 kappa G).
-
-    There Q = (Y_0/Y) x exp(-kappa x^2/2) and A_pl = Q(1) / kappa. It solves dQ/dG =
-    d/dx (Q'/Y^2 + (Y'/Y) x Q) with Q(0) = 0, Q(1) = Y Y' A_pl = kappa A_pl and dA_pl/dG
-    = J(1), and keeps the force Y (int x Q dx + A_pl).
-    """
-    plastic = math.exp(-kappa / 2) / kappa
-    errors = []
-    for n in (128, 256, 512):
-        x = np.linspace(0, 1, n + 1)
-        mean = -np.diff(np.exp(-kappa * x**2 / 2)) / kappa * n
-        first = StressState(mean, plastic, 1.0)
-        G = np.geomspace(1, 20.0, n + 1) / (2 * kappa)
-        Y = np.sqrt(2 * kappa * G)
-        *_, end = evolve(first, G, Y)
-        errors.append(np.abs(end.density / (mean / Y[-1]) - 1).max())
-        assert abs(end.mean_pressure / first.mean_pressure - 1) < 1e-10
-    assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) > 1.8)
-    assert errors[-1] < 1e-4
-
-
-def test_constant_hardness_is_the_closed_form():
-    """A hardness that is the same at all magnifications gives the areas of the closed
-    form to 1e-6.
-    """
-    found = hardness_curve(ROUGH, 12.5e9, constant_law)
-    curve = replace(ROUGH, hardness=150e9).magnification_curve(
-        12.5e9, found.areas.magnification
-    )
-    assert_allclose(found.areas.elastic, curve.elastic, rtol=0, atol=1e-6)
-    assert_allclose(found.areas.plastic, curve.plastic, rtol=0, atol=1e-6)
-    assert found.force_error < 1e-10
-
-
-def test_a_growing_hardness_converges_with_second_order_and_keeps_the_force():
-    """Areas for a hardness that grows with magnification converge with second order,
-    keep the force to 1e-10 and do not oscillate behind a kink.
-
-    A surface and its spectrum agree within 15 %.
-    """
-    sizes = [(n, n // 2) for n in (128, 256, 512, 1024)]
-    found = [hardness_curve(ROUGH, 12.5e9, law, [16.0, 256.0], size) for size in sizes]
-    for name in ("elastic", "plastic"):
-        changes = np.abs(np.diff([getattr(f.areas, name) for f in found], axis=0))
-        assert np.all(np.log2(changes[:-1] / changes[1:]) > 1.7), name
-        assert np.all(changes[-1] < 1e-5)
-    kink = hardness_curve(ROUGH, 12.5e9, kinked_law)
-    late = kink.areas.plastic[kink.areas.magnification > 20]
-    assert np.all(np.diff(late, 2) > -1e-5)  # it does not ring
-    # Half the band: the share of slope below differs by the sampling of the long waves.
-    line = body(analytic_roughness(LINE))
-    own = hardness_curve(OWN, 12.5e9, law, [16.0])
-    exact = hardness_curve(line, 12.5e9, law, [16.0])
-    assert_allclose(own.areas.plastic, exact.areas.plastic, rtol=0.15)
-    assert max(f.force_error for f in (*found, kink, own)) < 1e-10
-
-
-def test_a_growing_hardness_leaves_less_plastic_area_than_its_last_value():
-    """A hardness that grows with magnification leaves less plastic area than its last
-    value.
-
-    The lower hardness on the way leaves less spread of the pressures, d<p^2> = 2 A_el
-    dG. The pressures are a martingale under either hardness; the one that was capped
-    earlier is the smaller in convex order, also at the common cap. Both carry the load.
-    """
-    found = hardness_curve(ROUGH, 12.5e9, law)
-    kept = areas(found.areas.diffusion, 12.5e9, found.hardness)
-    assert np.all(found.areas.plastic <= kept.plastic + 1e-6)
-    assert found.areas.plastic[-1] < 0.8 * kept.plastic[-1]
-    table: Any = found.pressures
-    middle = 0.5 * (table.pressure[1:] + table.pressure[:-1])
-    force = middle @ np.diff(table.cumulative) + found.hardness[-1] * table.plastic
-    assert_allclose(force, 12.5e9, rtol=1e-10)
-    assert np.all(table.density >= 0)
-    # Light roughness feels no wall.
-    light = hardness_curve(
-        body(analytic_roughness(replace(PAPER, rms_slope=0.01))), 12.5e9, law
-    )
-    assert (light.areas.plastic.max(), light.pressures) == (0, None)
-    assert_allclose(light.areas.elastic, areas(light.areas.diffusion, 12.5e9).elastic)
-
-
-@pytest.mark.parametrize(
-    ("theory", "hardness", "arguments", "words"),
-    [
-        (ROUGH, soft_law, (), "mean_pressure"),
-        (ROUGH, law_without_values, (), "positive"),
-        (ROUGH, falling_law, (), "does not conserve the force"),
-        *((ROUGH, law, (zeta,), "ascend") for zeta in ([0.5, 2.0], [4.0, 2.0], [])),
-        (ROUGH, law, (None, (16, 400)), "cells"),
-        (OWN, law, (), "no finite rate"),  # beyond the surface's shortest wave
-        (body(ROUGH.roughness, rule="persson"), law, (), "must be constant"),
-    ],
-)
-def test_hardnesses_that_are_refused(theory, hardness, arguments, words):
-    """`hardness_curve` raises InvalidScene with `words`.
-
-    `hardness` is a function of the magnification in Pa, and `arguments` are
-    magnifications and the numbers of cells and steps.
-    """
-    with pytest.raises(InvalidScene, match=words):
-        hardness_curve(theory, 12.5e9, hardness, *arguments)

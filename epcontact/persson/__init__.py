@@ -5,8 +5,8 @@ other modules are `elastoplastic` (the equations for areas and pressures), `seri
 evaluation of their sums), `reduction` (the energy reduction S and the diffusion),
 `near_bounds` (an S that depends on the pressure), `roughness` (the moments of a
 spectrum), `separation` (elastic energy and gaps), `clipped_pressure` (mean gap, plastic
-displacement and elastic energy for the rule `near_bounds`) and `hardness` (a hardness
-that depends on the magnification).
+displacement and elastic energy for the rule `near_bounds`), `validity` (the error of
+the theory) and `random_field` (the surfaces for which it is known).
 """
 
 from epcontact.persson.clipped_pressure import Displacements, displacements
@@ -17,7 +17,6 @@ from epcontact.persson.elastoplastic import (
     pressure_cumulative,
     pressure_density,
 )
-from epcontact.persson.hardness import hardness_curve
 from epcontact.persson.reduction import EnergyReduction, full_contact_diffusion
 from epcontact.persson.roughness import analytic_roughness, roughness_of
 from epcontact.persson.theory import (
@@ -38,7 +37,6 @@ __all__ = [
     "areas",
     "displacements",
     "full_contact_diffusion",
-    "hardness_curve",
     "pressure_cumulative",
     "pressure_curve",
     "pressure_density",
