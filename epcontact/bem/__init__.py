@@ -6,7 +6,7 @@ the order in which a scene passes through them:
     driver      scene -> problem (GridProblem, Options) -> result
     flow        plastic flow, with which a load meets the next one of its path
     solver      solves on coarse grids first; each grid is a level
-    newton      the Newton method, with bounds; baselines has classic methods
+    newton      the Newton method, with bounds
     inner/      the linear problem of a step: operators, preconditioner
     transforms  convolutions with the compliance (kernel), on threads (workers)
     areas/      contact areas in the continuum limit, pressure distributions
@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from epcontact.bem.driver import solve
-    from epcontact.bem.problem import METHODS, GridProblem, Options, PressureSolution
+    from epcontact.bem.problem import GridProblem, Options, PressureSolution
     from epcontact.bem.solver import solve_pressure
 
 __all__ = [
-    "METHODS",
     "GridProblem",
     "Options",
     "PressureSolution",

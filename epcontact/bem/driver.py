@@ -70,7 +70,7 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
     area_tolerance: float | None = None,
     threads: int | None = None,
     compliance: NDArray[np.floating] | None = None,
-    method: Method = "newton",
+    method: Method | None = None,
     start: NDArray[np.floating] | None = None,
     plastic_displacement: NDArray[np.floating] | None = None,
     max_steps: int | None = None,
@@ -93,7 +93,8 @@ def solve(  # noqa: PLR0913 - options by keyword only, each with its default
         threads: number of threads; None: all cores of the process.
         compliance: surface compliance in m/Pa for each mode of
             `numpy.fft.rfftn(heights)`, instead of the body's own.
-        method: "newton", or the name of a baseline.
+        method: solves in the place of Newton's method, see `problem.Method` and
+            `epcontact.studies.baselines`; None: Newton's method.
         start: pressure field in Pa to start the first load from, instead of coarser
             grids.
         plastic_displacement: how far earlier flow has lowered the surface, in m, with
@@ -387,7 +388,7 @@ class _Path:
         if last.flow_after is not None:
             fields["plastic_displacement"] = last.flow_after.reshape(surface.shape)
         options: dict[str, Any] = {
-            "method": self.options.method,
+            "method": self.options.method_name,
             "tolerance": self.options.tolerance,
         }
         if self.options.area_tolerance:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,10 @@ from epcontact.scene import array, fraction, integer, set_frozen
 #: takes 1100.
 STEEPEST = 3.0
 
-Method = Literal["newton", "relaxation", "polonsky_keer", "projected_gradient"]
-#: The solver's own method, and the baselines it is measured against.
-METHODS: tuple[str, ...] = get_args(Method)
+#: A method that solves in the place of Newton's: a function of a `level.Level`, a
+#: feasible pressure (nx, ny) in units of the mean pressure, which it may overwrite, and
+#: the `Options`, that returns a `level.Iterate`.
+Method = Callable[[Any, FloatArray, "Options"], Any]
 # Gap residuals are divided by the rms height, if this is more than so many times p0 dx
 # / E*.
 _RESOLVED_HEIGHT = 1e-6
@@ -78,7 +79,8 @@ class Options:
         area_tolerance: stop as soon as no area changes by more than this fraction;
             None: stop only when the residuals meet `tolerance`.
         threads: number of threads.
-        method: "newton", or the name of a baseline.
+        method: solves in the place of Newton's method, from a uniform pressure and
+            without coarser grids; None: Newton's method.
         max_steps: most steps of the method; None: the method's own limit.
         progress: called now and then with the grid's shape and the residual on it.
 
@@ -89,7 +91,7 @@ class Options:
     tolerance: float = 1e-8
     area_tolerance: float | None = None
     threads: int = 1
-    method: str = "newton"
+    method: Method | None = None
     max_steps: int | None = None
     progress: Callable[[tuple[int, ...], float], None] | None = field(
         default=None, compare=False
@@ -105,10 +107,16 @@ class Options:
         set_frozen(self, threads=integer("threads", self.threads, 1))
         if self.max_steps is not None:
             set_frozen(self, max_steps=integer("max_steps", self.max_steps, 1))
-        if self.method not in METHODS:
-            methods = ", ".join(METHODS)
-            message = f"method is {self.method!r}, but must be one of {methods}"
-            raise InvalidScene(message)
+        if not (self.method is None or callable(self.method)):
+            raise InvalidScene(
+                f"method is {self.method!r}, but must be a function that solves on a "
+                "level, or None"
+            )
+
+    @property
+    def method_name(self) -> str:
+        """The name of the method for messages and results."""
+        return getattr(self.method, "__name__", "newton")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
-from epcontact.bem.baselines import BASELINES
 from epcontact.bem.bounds import project
 from epcontact.bem.level import (
     Iterate,
@@ -142,19 +141,19 @@ def solve_problem(
             # No point can carry more than the total load, and larger values would cost
             # digits.
             guess = np.clip(start / problem.mean_pressure, -size, min(cap, size))
-        elif options.method == "newton":
+        elif options.method is None:
             guess, coarse_work = _coarse_guess(problem, scale, options, workers)
         else:
             guess = np.ones(problem.symbol.shape)
         level = Level(problem, scale, workers)
         p = project(guess, cap, float(size), workers, out=guess)
-        iterate = BASELINES.get(options.method, solve_level)(level, p, options)
+        iterate = (options.method or solve_level)(level, p, options)
         if put_on_bounds(level, iterate.p):
             iterate.z, _, _ = measure_iterate(level, iterate.p, iterate.u)
         residuals = kkt_residuals(level, iterate)
     if not iterate.settled:
         raise NotConverged(
-            f"{options.method} did not reach {options.tolerance:g} in "
+            f"{options.method_name} did not reach {options.tolerance:g} in "
             f"{len(iterate.history) - 1} steps: "
             f"the largest residual is {max(residuals.values()):.1e}; "
             "give more steps or a larger tolerance",

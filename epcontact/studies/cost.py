@@ -23,6 +23,7 @@ from epcontact.machine import available_cores, forget_peak, peak_memory
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import ContactResult
 from epcontact.scene import Scene
+from epcontact.studies.baselines import METHODS
 from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
 from epcontact.studies.paper_scene import LAWS, PARTS, area_of, rough_scene
 
@@ -126,7 +127,7 @@ def by_method(
     bandwidth: int = 32,
     max_steps: int = 1000,
     points: int = 8,
-    methods: Sequence[str] = bem.METHODS,
+    methods: Sequence[str] = tuple(METHODS),
     tolerances: Sequence[float] = tuple(10.0**-k for k in range(1, 11)),
 ) -> Charts:
     """Residual and area error of Newton and the baselines against FFT pairs.
@@ -151,7 +152,7 @@ def by_method(
                 scene,
                 tolerance=tolerance,
                 threads=1,
-                method=method,  # type: ignore[arg-type]
+                method=METHODS[method],
                 max_steps=max_steps,
             )
         except NotConverged as error:

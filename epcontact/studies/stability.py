@@ -35,6 +35,7 @@ from epcontact.output.charts.figures import Chart
 from epcontact.output.charts.maps import stability_map
 from epcontact.results import ContactResult, package_versions
 from epcontact.scene import Load, Material, Scene, Surface
+from epcontact.studies.baselines import METHODS
 from epcontact.studies.frame import Say, tabulate
 from epcontact.studies.paper_scene import self_affine
 
@@ -103,7 +104,7 @@ def stability(
     maps: Sequence[str] = (),
     size: str = "coarse",
     *,
-    methods: Sequence[str] = bem.METHODS,
+    methods: Sequence[str] = tuple(METHODS),
     say: Say = lambda _: None,
 ) -> pd.DataFrame:
     """Solve every point of the stability maps.
@@ -232,7 +233,7 @@ def _boundary_elements(
     Args:
         surface: The surface, of rms slope 0.1.
         most_steps: Most steps of a baseline.
-        method: A method of `bem.solve`.
+        method: A name of `baselines.METHODS`.
         x: p0 over the hardness, or over E* xi if the hardness is infinite.
         y: Hardness over E* xi.
     """
@@ -243,7 +244,7 @@ def _boundary_elements(
 
     def solve() -> ContactResult:
         """Solve the scene by boundary elements."""
-        return bem.solve(scene, method=method, threads=1, max_steps=steps)  # type: ignore[arg-type]
+        return bem.solve(scene, method=METHODS[method], threads=1, max_steps=steps)
 
     def check(result: ContactResult) -> float:
         """Return the largest violation of a contact condition, dimensionless.

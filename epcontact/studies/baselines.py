@@ -1,7 +1,7 @@
 """Classic methods of rough contact, with which the Newton method is compared.
 
 All methods start from a uniform pressure, use no coarser grids, and are judged by the
-same residuals as the Newton method.
+same residuals as the Newton method.  `bem.solve` takes one as its argument `method`.
 
 * `relaxation` is the method of Almqvist, Sahlin, Larsson and Glavatskih, Tribology
   International 40 (2007) 574: p <- clip(p - omega K g), with the pressure cut at the
@@ -13,8 +13,6 @@ same residuals as the Newton method.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from epcontact.bem.bounds import gradient_step, project
@@ -25,12 +23,9 @@ from epcontact.bem.level import (
     kkt_residuals,
     measure_iterate,
 )
-from epcontact.bem.problem import Options
+from epcontact.bem.problem import Method, Options
 from epcontact.results import FloatArray
 
-#: A method: it solves on a level from a feasible pressure (nx, ny), in units of the
-#: mean pressure, and overwrites that pressure.
-Baseline = Callable[[Level, FloatArray, Options], Iterate]
 _MAX_STEPS = 5000  # default limit; each step costs one or two pairs of transforms
 _STEPS_PER_REPORT = 100  # a step is short, so progress is not reported at each
 
@@ -86,7 +81,7 @@ def relaxation(level: Level, p: FloatArray, options: Options) -> Iterate:
 
 
 def polonsky_keer(level: Level, p: FloatArray, options: Options) -> Iterate:
-    """Solve by the conjugate gradients of Polonsky and Keer; see `Baseline`.
+    """Solve by the conjugate gradients of Polonsky and Keer; return the last iterate.
 
     Args:
         level: heights and compliance; its cap is over the mean pressure.
@@ -153,8 +148,10 @@ def _rescale(p: FloatArray, cap: float, total: float) -> None:
         p[...] = project(p, cap, total)
 
 
-BASELINES: dict[str, Baseline] = {
+BASELINES: dict[str, Method] = {
     "relaxation": relaxation,
     "polonsky_keer": polonsky_keer,
     "projected_gradient": projected_gradient,
 }
+#: The argument `method` of `bem.solve` for each method; None is the Newton method.
+METHODS: dict[str, Method | None] = {"newton": None, **BASELINES}
