@@ -21,7 +21,7 @@ from epcontact.crosscheck.model_difference import (
     elements_compliance,
 )
 from epcontact.crosscheck.report import crosscheck, error_budget, measured_hardness
-from epcontact.errors import InvalidCase, InvalidScene
+from epcontact.errors import InvalidCase, InvalidScene, SurfaceWarning
 from epcontact.harness.case_files.case import load_case
 from epcontact.harness.gates import Difference, difference, distance
 from epcontact.harness.quantities.registry import QUANTITIES, measure_all
@@ -32,7 +32,7 @@ from epcontact.results import (
     PressureDistribution,
     Provenance,
 )
-from epcontact.scene import Body
+from epcontact.scene import Body, Load, Material, Scene, Surface
 from epcontact.studies.hardness import model_scene
 from epcontact.surfaces import Sinusoid
 
@@ -189,6 +189,48 @@ def test_the_measures_say_what_they_mean(flowed):
     assert measured(scene, turned)["model_overlap"] < found["model_overlap"] / 2
 
 
+@pytest.mark.parametrize("law", ["elastic", "j2"])
+def test_what_a_moved_top_changes_falls_with_the_slope(law):
+    """quantity.moved_* compare a rough top with a flat one: at a tenth of the slope about a
+    tenth of the difference of the pressures is left.
+
+    The gap gives the same result for both slopes, up to units.
+    """
+    changes = []
+    for slope in (0.1, 0.01):
+        scene = rough_scene(16, 2, slope=slope)
+        result = fem_check.solve(scene, law=law, geometry="moved", certified=False)
+        names = [f"quantity.moved_{part}" for part in ("area", "pressure", "distance")]
+        changes.append(measured(scene, result, *names))
+    large, small = changes
+    assert small["moved_area"] == 0  # no node changes its state
+    assert 0 < small["moved_distance"] < large["moved_distance"] / 4
+    assert large["moved_pressure"] > 0.002
+    assert small["moved_pressure"] == pytest.approx(
+        large["moved_pressure"] / 10, rel=0.5
+    )
+
+
+def test_the_limit_pressure_is_that_of_a_flat_contact():
+    """quantity.limit_pressure of a strip is 2.75 yield stresses with 10 nodes, .33
+    spacings fewer than Prandtl's, whatever the load; a sphere has none.
+    """
+    heights = np.where(np.arange(48) < 10, 0.0, -1.0)
+    with pytest.warns(SurfaceWarning, match="slope"):
+        surface = Surface(heights, (48.0,))
+    material = Material(1e4, 0.3, yield_stress=1.0)
+    expected = (2 + math.pi) / math.sqrt(3) * (1 - 0.33 / 10)
+    for load in (0.02, 0.4):
+        scene = Scene(surface, material, Load(load))
+        result = fem_check.solve(scene, certified=False)
+        found = measured(scene, result, "quantity.limit_pressure")["limit_pressure"]
+        assert found == pytest.approx(expected, rel=0.01)
+    scene = rough_scene(16, 2, dimensions=1)
+    result = fem_check.solve(scene, certified=False)
+    with pytest.raises(InvalidCase, match="carries four yield stresses"):
+        measured(scene, result, "quantity.limit_pressure")
+
+
 def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
     """Results without flow, of another law, too full or without a block raise
     `InvalidCase`.
@@ -211,6 +253,7 @@ def test_what_has_no_effective_hardness_or_no_block_is_refused(flowed):
             r"c_eff means nothing .* 0\.950 of the nodes",
         ),
         ("model_area", scene, nameless, "does not say its block's layers"),
+        ("moved_area", scene, j2, "geometry is gap, but a rough top needs"),
     ):
         with pytest.raises(InvalidCase, match=sentence):
             measured(place, result, f"quantity.{name}")

@@ -9,6 +9,7 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
+import reference_plasticity
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
@@ -16,7 +17,7 @@ from epcontact import bem
 from epcontact.errors import InvalidCase
 from epcontact.output.charts.plot import observed_order
 from epcontact.persson import areas
-from epcontact.reference import CLOSED_FORMS, bumps, posts, waves
+from epcontact.reference import CLOSED_FORMS, bumps, posts, waves, yielding
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
 from epcontact.surfaces import FlatPunch, Paraboloid, SelfAffine, Sinusoid
 
@@ -267,6 +268,53 @@ def test_capped_strip_has_its_two_limits():
     assert rim == pytest.approx(expected, rel=1e-6)
 
 
+def largest_mises_stress(pressure, poisson_ratio, depths):
+    """Return the largest von Mises stress below a periodic pressure, for each depth.
+
+    The period is 1 m along both directions; `pressure` (nx, ny) in Pa, depths in m.
+    """
+    stresses = [
+        yielding.mises_stress(pressure, (1.0, 1.0), poisson_ratio, depth)
+        for depth in depths
+    ]
+    return np.array([stress.max() for stress in stresses])
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.45])
+def test_a_sphere_yields_first_on_its_axis(poisson_ratio):
+    """Below Hertz's pressure the largest von Mises stress, and its depth, are those of
+    the formulas on the axis of a single sphere.
+
+    The contact radius is a twentieth of the period, so that the periodic images change
+    the stress by .25 %.
+    """
+    radius = 0.05
+    x = np.arange(256) / 256 - 0.5
+    pressure = np.sqrt(np.maximum(1 - (x[:, None] ** 2 + x**2) / radius**2, 0))
+    depths = radius * np.linspace(0.3, 0.6, 31)
+    largest = largest_mises_stress(pressure, poisson_ratio, depths)
+    peak, depth = reference_plasticity.sphere_onset(poisson_ratio)
+    assert largest.max() == pytest.approx(1 / peak, rel=5e-3)
+    assert depths[largest.argmax()] / radius == pytest.approx(depth, abs=0.015)
+
+
+def test_stresses_below_a_wave_do_not_depend_on_its_direction():
+    """Below a wave at 45 degrees to the grid, von Mises' stress is that below a wave
+    along the grid, although other components are not zero.
+
+    With a Poisson's ratio of 1/2 it is sqrt(3) q z exp(-q z) everywhere.
+    """
+    turns = np.arange(32) / 32
+    along = np.broadcast_to(np.cos(2 * np.pi * turns)[:, None], (32, 32))
+    across = np.cos(2 * np.pi * np.add.outer(turns, turns))
+    for nu in (0.2, 0.5):
+        expected = yielding.mises_stress(along, (1.0, 1.0), nu, 0.1)
+        found = yielding.mises_stress(across, (1.0, 1.0), nu, 0.1 / math.sqrt(2))
+        assert_allclose(found[0], expected[:, 0], rtol=1e-12)
+    depth = 2 * np.pi * 0.1
+    assert_allclose(expected, math.sqrt(3) * depth * math.exp(-depth), rtol=1e-12)
+
+
 def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
     """Persson's area at gamma = 2/pi is the straight line of light loads in the limit,
     and 0.6 % below at an area of 0.15.
@@ -318,6 +366,9 @@ def test_theory_tends_to_the_light_load_line_at_a_gamma_of_two_over_pi():
             wave(0.5),
             "describes .*the product of two waves",
         ),
+        ("first_yield", "quantity.plastic_depth", WAVY_LAYER, "describes a half-space"),
+        ("prandtl", "quantity.limit_pressure", BUMP, "describes .*a flat post"),
+        ("prandtl", "quantity.limit_pressure", DISC, "describes a strip"),
     ],
 )
 def test_a_refusal_says_what_the_form_describes(form, quantity, scene, words):

@@ -6,7 +6,9 @@ effective_modulus (Pa), L = period (m), p0 = mean pressure (Pa), sigma_P = hardn
 
 Sources: Johnson, Contact Mechanics (1985), sections 2.8 and 3.4.  The periodic strip is
 Westergaard's stress function for a row of cracks (1939); the capped strip is the
-counterpart of a row of cracks with Dugdale's zones (Smith 1965).
+counterpart of a row of cracks with Dugdale's zones (Smith 1965).  A smooth strip on a
+perfectly plastic half-space carries at most the mean pressure (2 + pi) k of Prandtl's
+slip lines, where k = sigma_Y/sqrt(3) is von Mises' yield stress in shear.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ CAPPED_STRIP = ClosedForm(
     "capped_strip",
     "Dugdale, J. Mech. Phys. Solids 8 (1960) 100, for a row of cracks (Smith 1965)",
 )
+PRANDTL = ClosedForm("prandtl", "Prandtl (1920): (2 + pi) k under a smooth strip")
 
 
 def strip_pressure_periodic(
@@ -245,3 +248,16 @@ def _strip_conductance(scene: Scene) -> float:
     a half-space.
     """
     return 2 * _stiffness_unloading(scene) / effective_modulus(scene.material)
+
+
+@PRANDTL.gives("quantity.limit_pressure")
+def _strip_limit(scene: Scene) -> float:
+    """Return the largest mean pressure in Pa that a strip on a half-space carries.
+
+    Neighbouring strips do not change it, if their slip lines, three half-widths from
+    the middle of each, do not meet.  Raises InvalidCase if the scene has no flat strip
+    on a half-space.
+    """
+    _post(scene, PRANDTL)  # raises InvalidCase without a post
+    PRANDTL.require(scene.surface.heights.ndim == 1, "a strip")
+    return (2 + math.pi) / math.sqrt(3) * scene.material.yield_stress

@@ -1,28 +1,23 @@
-"""Where an elastic half-space first yields, and what a strip carries at most.
+"""First yield below the surface of an elastic half-space.
 
-First yield.  Below a surface with a known pressure, the stresses of a half-space are
-elastic until von Mises' stress reaches the yield stress sigma_Y somewhere.  A pressure
-wave p cos(k x), with q = |k|, the unit vector n along k and t = q z at the depth z,
-gives the stresses (tension positive, x along n, z upward)
+Below a surface with a known pressure, the stresses are elastic until von Mises' stress
+reaches the yield stress sigma_Y somewhere.  A pressure wave p cos(q x) gives, with
+t = q z at the depth z, the stresses (tension positive)
 
-    s_xx = -p (1 - t) e^-t cos    s_yy = -2 nu p e^-t cos    s_zz = -p (1 + t) e^-t cos
-    s_zx = p t e^-t sin
+    s_xx = -p (1 - t) e^-t cos(q x)    s_yy = -2 nu p e^-t cos(q x)
+    s_zz = -p (1 + t) e^-t cos(q x)    s_zx =  p t e^-t sin(q x)
 
 (Johnson, Contact Mechanics (1985), section 13.2).  Waves of all directions are added.
-The mean pressure compresses a periodic body in uniaxial strain.  Under Hertz's pressure
-of a sphere with nu = 0.3 the largest stress is on the axis, .481 contact radii deep,
-and yields at a largest pressure of 1.613 sigma_Y (Johnson, section 6.1).  On the axis
-there is no shear stress along the axes of the grid, under most waves there is: which
-shear stresses a scene has decides which terms of the yield condition it can test.
+The mean pressure compresses a periodic body in uniaxial strain.
 
-Limit load.  A smooth strip that is wide in comparison with its indentation carries at
-most the mean pressure (2 + pi) k of Prandtl's slip lines, where k = sigma_Y/sqrt(3) is
-von Mises' yield stress in shear in plane strain.
+Under Hertz's pressure of a sphere with nu = 0.3 the largest stress is on the axis, .481
+contact radii deep, and it yields at a largest pressure of 1.613 sigma_Y (Johnson,
+section 6.1).  There the axes of the grid have no shear stress.  Below waves whose
+crests do not coincide they have, up to pure shear: the shear stresses of a scene decide
+which terms of a yield condition it can test.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -30,7 +25,6 @@ from epcontact.errors import InvalidCase
 from epcontact.reference.bumps import HERTZ
 from epcontact.reference.form import ClosedForm
 from epcontact.reference.layers import FULL_CONTACT
-from epcontact.reference.posts import FLAT_PUNCH
 from epcontact.results import FloatArray
 from epcontact.scene import Scene
 
@@ -39,7 +33,6 @@ FIRST_YIELD = ClosedForm(
     "Johnson, Contact Mechanics (1985), sections 6.1 and 13.2: von Mises' stress below "
     "the elastic pressure",
 )
-PRANDTL = ClosedForm("prandtl", "Prandtl (1920): (2 + pi) k under a smooth strip")
 #: Depths at which the stress is evaluated, over the shorter period: closer than 0.3 %
 #: of the period, and as deep as the longest wave yields first, 1/q = 0.16 periods.
 _DEPTHS = np.linspace(0, 0.25, 101)
@@ -110,14 +103,3 @@ def _yield_depth(scene: Scene) -> float:
         if stress.max() > material.yield_stress:
             deepest = float(depth)
     return deepest
-
-
-@PRANDTL.gives("quantity.limit_pressure")
-def _strip_limit(scene: Scene) -> float:
-    """Return the largest mean pressure in Pa that a strip on a half-space carries.
-
-    Raises InvalidCase if the scene is no flat strip on a perfectly plastic half-space.
-    """
-    PRANDTL.require(scene.surface.heights.ndim == 1, "a strip")
-    FLAT_PUNCH.scalar("area.total.raw", scene)  # raises InvalidCase without a post
-    return (2 + math.pi) / math.sqrt(3) * scene.material.yield_stress
