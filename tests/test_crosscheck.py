@@ -191,8 +191,8 @@ def test_the_measures_say_what_they_mean(flowed):
 
 @pytest.mark.parametrize("law", ["elastic", "j2"])
 def test_what_a_moved_top_changes_falls_with_the_slope(law):
-    """quantity.moved_* compare a rough top with a flat one: at a tenth of the slope about a
-    tenth of the difference of the pressures is left.
+    """quantity.moved_* compare a rough top with a flat one: at a tenth of the slope
+    about a tenth of the difference of the pressures is left.
 
     The gap gives the same result for both slopes, up to units.
     """
