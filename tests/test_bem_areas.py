@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laboratory import area_bank, area_scenes, rim
+from laboratory.areas import solution
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import sici
@@ -23,7 +24,6 @@ from epcontact.bem.areas.rim_correction import areas_of_sums, copies, estimate_a
 from epcontact.errors import InvalidScene
 from epcontact.reference import bumps, waves
 from epcontact.scene import Body, Load, Material, Scene, SelfAffineSpectrum, Surface
-from epcontact.studies.areas import solution
 from epcontact.surfaces import SelfAffine
 
 # The walls of punches are steep.

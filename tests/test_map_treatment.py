@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laboratory.areas import KINDS, member
 from laboratory.trial_map import trial_map
 from test_surface_files import HILLS, MAP, L, X, refused
 
@@ -17,7 +18,6 @@ from epcontact.errors import SurfaceWarning
 from epcontact.planning.grids import one_directional
 from epcontact.results import COLUMNS
 from epcontact.scene import Load, Material, Scene, SelfAffineSpectrum, Surface
-from epcontact.studies.areas import KINDS, member
 from epcontact.surfaces import (
     HeightsFromArray,
     HeightsFromFile,

@@ -8,7 +8,6 @@ are comparable.
 # Importing a module of the first block registers its studies.
 from epcontact.studies import (  # noqa: F401
     accuracy,
-    areas,
     conductance,
     cost,
     fem,
@@ -17,7 +16,6 @@ from epcontact.studies import (  # noqa: F401
     metal,
     peers,
     theory,
-    time_to_answer,
     treatment,
     validity,
 )

@@ -25,6 +25,7 @@ from epcontact.crosscheck.model_difference import capped_body, elements_complian
 from epcontact.materials.hardness_map import effective_hardness
 from epcontact.output.charts.figures import logarithmic, new_figure, styled
 from epcontact.output.charts.style import CYCLE, MARKERS, typeset
+from epcontact.persson import separation
 from epcontact.results import ContactResult, FloatArray, LoadStep
 from epcontact.scene import Body, Load, Scene, Surface
 from epcontact.studies.frame import (
@@ -36,9 +37,8 @@ from epcontact.studies.frame import (
     study,
     tabulate,
 )
-from epcontact.studies.gap import power_kept_by_theory
 from epcontact.studies.hardness import model_scene
-from epcontact.studies.paper_scene import TABOR, solve_theory
+from epcontact.studies.paper_scene import TABOR, solve_theory, theory_of
 from epcontact.surfaces import power_by_octave, residual_surface
 from fem_check.result import contact_result
 
@@ -243,6 +243,22 @@ def _by_theory(scene: Scene) -> _Response:
         rms_height=math.sqrt(variance_left),
         shortest=float(left[shortest]),
     )
+
+
+def power_kept_by_theory(scene: Scene) -> FloatArray:
+    """Return the slope variance after a load over that before, for each octave.
+
+    It follows from the theory's effective spectrum under the load of the scene.  The
+    shape is (octaves,), from the longest waves on.
+    """
+    theory = theory_of(scene)
+    before = theory.roughness
+    after = separation.flattened(theory, scene.load.final).roughness
+    lowest = 2 * math.pi / max(scene.surface.periods)
+    octave = np.floor(np.log2(before.upper_edge / lowest)).astype(int)
+    variance_after = np.bincount(octave, after.slope_variance)
+    variance_before = np.bincount(octave, before.slope_variance)
+    return np.asarray(variance_after / variance_before)
 
 
 def _shortest_octave(surface: Surface) -> int:

@@ -22,12 +22,12 @@ from epcontact.harness.quantities.registry import measure
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import ELASTIC, PLASTIC, ContactResult, FloatArray
 from epcontact.scene import Load, Material, Scene, Surface, rms_slope
-from epcontact.studies.areas import by_name
 from epcontact.studies.frame import (
     Charts,
     Ints,
     Rows,
     Say,
+    by_name,
     list_rows,
     root_mean_square,
     study,

@@ -18,8 +18,8 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from epcontact.studies.areas import FINER, Member, roughness
 from epcontact.studies.paper_scene import PARTS
+from laboratory.areas import FINER, Member, roughness
 
 
 def _posts(patch, rng, count, width, slope):

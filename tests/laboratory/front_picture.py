@@ -8,7 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from epcontact.bem.areas.hidden import STIFFNESS
-from epcontact.studies.areas import Member, roughness
+from laboratory.areas import Member, roughness
 
 SCENE = Member(
     (64, 64), (1.0, 1.0), 0.1, 0.6, 16, partial(roughness, low=0.8, high=0.8), 4

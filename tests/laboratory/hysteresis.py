@@ -16,9 +16,9 @@ from epcontact.output.charts.plot import Axis, Plot
 from epcontact.persson import separation
 from epcontact.scene import Load
 from epcontact.studies.frame import Study, tabulate
-from epcontact.studies.gap import solve_model
 from epcontact.studies.paper_scene import MODULUS, rough_scene, theory_of
 from laboratory import charts
+from laboratory.residual import solve_model
 
 #: Hardness over E* xi, and loads over the peak.
 HARDNESS = 0.3

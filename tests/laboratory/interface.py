@@ -2,7 +2,7 @@
 
 The constants are CONSTANTS, SMOOTH, STEP_SETBACK and STEP_ERROR of
 `epcontact.interface.rim`.  They are fitted to the kinds of surfaces in FITTED_KINDS.
-They are judged on those in JUDGED_KINDS: the kinds of `epcontact.studies.areas`,
+They are judged on those in JUDGED_KINDS: the kinds of `laboratory.areas`,
 roughness with its ridges along the grid, and unloaded contacts.  Grids have 3 to 16
 points a shortest wavelength, and the reference is the limit from a finer grid.
 
@@ -46,8 +46,9 @@ from epcontact.interface.rim import (
 )
 from epcontact.interface.stiffness import carrying_points
 from epcontact.reference.posts import FLAT_PUNCH
-from epcontact.studies.areas import KINDS, by_name, member, roughness
 from epcontact.studies.conductance import joint_scene
+from epcontact.studies.frame import by_name
+from laboratory.areas import KINDS, member, roughness
 
 #: The fraction of errors that are to be smaller than their estimates.
 COVERED = 0.94
@@ -179,7 +180,7 @@ def _turned(patch, rng):
     return along, across
 
 
-#: Kinds of surfaces to which constants are fitted, none of `epcontact.studies.areas`.
+#: Kinds of surfaces to which constants are fitted, none of `laboratory.areas`.
 FITTED_KINDS = {
     "waves": _waves,
     "oblong": _waves,

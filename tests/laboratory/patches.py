@@ -22,8 +22,8 @@ import pandas as pd
 from epcontact import Load, Material, Scene, Surface, bem
 from epcontact.harness.quantities.registry import measure_all
 from epcontact.interface import percolation_fraction
-from epcontact.studies.areas import KINDS, member
 from laboratory import area_bank
+from laboratory.areas import KINDS, member
 
 SEEDS = range(200, 216)
 COARSE = (1, 2)

@@ -43,7 +43,7 @@ from epcontact.bem.areas.hidden import STIFFNESS
 from epcontact.bem.areas.rim_correction import COUNTED, HARMONIC, OBLONG, sums_of_fronts
 from epcontact.reference import bumps
 from epcontact.reference.waves import line_contact_fraction
-from epcontact.studies.areas import solution
+from laboratory.areas import solution
 
 #: Lattice directions of the fronts over an eighth of the circle; symmetry gives the
 #: rest.

@@ -23,8 +23,8 @@ import pandas as pd
 
 from epcontact import bem
 from epcontact.scene import Load, Material, Scene, Surface, rms_slope
-from epcontact.studies.areas import Member, roughness
 from laboratory import area_bank
+from laboratory.areas import Member, roughness
 
 POINTS, FINER = 96, 4
 LOADS = (0.02, 0.1, 0.3)

@@ -5,6 +5,8 @@ number of points per shortest wavelength, all drawn by its seed.  Its reference 
 corrected area on a grid FINER times as fine.  The unit of pressure is E*, and the
 slopes of most kinds are of order 1.  The constants of the error estimates come from
 other seeds and scenes (`laboratory.area_bank`).
+
+`python -m laboratory.areas [--full]` draws the chart.
 """
 
 from __future__ import annotations
@@ -23,8 +25,17 @@ from epcontact.bem.kernel import rfft_wavenumbers, surface_compliance
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.results import Areas, FloatArray
 from epcontact.scene import Body, Material
-from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
+from epcontact.studies.frame import (
+    Charts,
+    Ints,
+    Rows,
+    Say,
+    Study,
+    by_name,
+    tabulate,
+)
 from epcontact.studies.paper_scene import PARTS, self_affine
+from laboratory import charts
 
 #: Points of the reference's grid for each point of the coarse grid along a direction.
 FINER = 8
@@ -35,15 +46,6 @@ Random = np.random.Generator
 #: A function that returns the heights of a kind on a patch: the grid of a `Member`, or
 #: a finer one.
 Maker = Callable[[Any, Random], Any]
-
-
-def by_name(*makers: Any) -> dict[str, Maker]:
-    """Return functions by their names, with spaces instead of underscores.
-
-    The function `_truncated_cones`, one of the `makers`, gets the key "truncated
-    cones".
-    """
-    return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
 
 
 def roughness(
@@ -425,7 +427,6 @@ def judged(kind: str, seed: int, points: int) -> Rows:
     return rows
 
 
-@study("areas", seeds=range(100, 130), points=64)
 def areas(
     say: Say,
     seeds: Ints = range(100, 104),
@@ -473,3 +474,9 @@ def areas(
         f"Of {len(table)} areas {covered.mean():.0%} are within their error estimate."
     )
     yield plot, table.drop(columns="seed"), caption
+
+
+STUDY = Study("areas", areas, {"seeds": range(100, 130), "points": 64})
+
+if __name__ == "__main__":
+    charts.save(STUDY)

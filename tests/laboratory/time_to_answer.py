@@ -2,6 +2,8 @@
 
 Each command runs in a process of its own, whose processor time counts: on a busy
 machine it does not depend on the work of others.
+
+`python -m laboratory.time_to_answer [--full]` draws the charts.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from epcontact import bem
 from epcontact.errors import EpcontactError
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.studies.cost import pair_times, timed
-from epcontact.studies.frame import Charts, Ints, Rows, Say, study, tabulate
+from epcontact.studies.frame import Charts, Ints, Rows, Say, Study, tabulate
 from epcontact.studies.paper_scene import (
     HARDNESS,
     LOWEST,
@@ -26,6 +28,7 @@ from epcontact.studies.paper_scene import (
     MODULUS,
     rough_scene,
 )
+from laboratory import charts
 
 #: Grid points per shortest wavelength.
 _POINTS = 4
@@ -144,7 +147,6 @@ def parts_of_commands(folder: Path, points_a_side: int) -> dict[str, dict[str, f
     }
 
 
-@study("time", sides=(256, 512, 1024, 2048))
 def time_to_answer(say: Say, sides: Ints = (256, 512)) -> Charts:
     """Processor time of commands on the paper's scene, and of each part of their work.
 
@@ -181,3 +183,9 @@ def time_to_answer(say: Say, sides: Ints = (256, 512)) -> Charts:
     yield plot, totals, "How long does a command take?"
     parts = replace(plot, series=("command", "part"), colour="part", mark="command")
     yield parts, table, "Which part of a command takes the time?"
+
+
+STUDY = Study("time", time_to_answer, {"sides": (256, 512, 1024, 2048)})
+
+if __name__ == "__main__":
+    charts.save(STUDY)
