@@ -8,13 +8,13 @@ import pytest
 import reference_plasticity as reference
 import scipy.sparse as sp
 from fem_scenes import rough_scene
+from limit_load import STRIP_LIMIT, push, strip_punch
 
 from epcontact.errors import InvalidScene
 from epcontact.scene import Body, Material
 from fem_check import FemOptions, mesh_of, plasticity, surface_compliance
 from fem_check.driver import problem_of
 from fem_check.element import CORNERS, elastic_stiffness, elements_of
-from fem_check.limit_load import STRIP_LIMIT, push, strip_punch
 from fem_check.mesh import (
     GROWTH,
     block_for,

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from fem_scenes import rough_heights, rough_scene
+from limit_load import assemble, element_tangents
 from scipy.sparse.linalg import spsolve
 
 import fem_check
@@ -14,7 +15,6 @@ from epcontact.studies.hardness import model_scene
 from fem_check import driver, linearised, plasticity, solve_path
 from fem_check.contact import rigid_contact
 from fem_check.driver import problem_of
-from fem_check.limit_load import assemble, element_tangents
 from fem_check.linear_solver import (
     eliminate,
     factorise,

@@ -9,6 +9,7 @@ from unittest.mock import DEFAULT, Mock
 import numpy as np
 import pytest
 from fem_scenes import rough_scene
+from limit_load import STRIP_LIMIT
 
 import fem_check
 from epcontact.errors import (
@@ -24,7 +25,6 @@ from epcontact.studies.hardness import model_scene
 from fem_check import FemOptions, increments, mesh_of, newton, plasticity, vtu
 from fem_check.driver import problem_of, solve_path
 from fem_check.free_flow import FlowsFreely, require_equilibrium
-from fem_check.limit_load import STRIP_LIMIT
 from fem_check.mesh import bytes_needed
 from fem_check.result import contact_result, nodes_across
 

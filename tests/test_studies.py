@@ -56,7 +56,6 @@ SMALL: dict[str, dict[str, Any]] = {
     "accuracy": {},
     "conductance": {"breadths": (2, 3), "loads": (0.03, 0.1), "seeds": (1, 2)},
     "fem": {
-        "elements": (2,),
         "nodes": (3, 4, 6),
         "steps": (1, 2, 4),
         "sample": (4, (7,)),
@@ -184,17 +183,15 @@ def test_finite_elements_near_the_gap_of_boundary_elements():
 
 
 def test_errors_of_finite_elements_fall():
-    """Errors of finite elements fall with mean dilatation, with the depth of the block
-    (in longest waves), and with the number of load steps.
+    """Errors of finite elements fall with the depth of the block (in longest waves),
+    and with the number of load steps.
     """
-    errors = drawn("fem", 1).set_index("series")["relative_error"]
-    assert errors["mean dilatation"] < min(0.2, errors["full integration"] / 3)
     shallow, deep, deepest = (
         fem.depth_error(1, depth)["relative_error"] for depth in (0.25, 0.5, 1.0)
     )
     assert shallow > deep > deepest
     assert deepest < 2e-3  # 64 nodes a wave leave 1e-3 of discretisation
-    few_steps, many_steps = of_kind(drawn("fem", 4), "mean gap")
+    few_steps, many_steps = of_kind(drawn("fem", 3), "mean gap")
     assert many_steps < few_steps < 0.05
 
 

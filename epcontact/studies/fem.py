@@ -10,7 +10,6 @@ from functools import partial
 import pandas as pd
 
 import fem_check
-from epcontact.errors import NotConverged
 from epcontact.materials.moduli import effective_modulus
 from epcontact.output.charts.plot import Axis, Plot
 from epcontact.scene import Body
@@ -26,17 +25,14 @@ from epcontact.studies.frame import (
 )
 from epcontact.studies.hardness import PERIOD, model_scene
 from epcontact.studies.paper_scene import area_of, solve_j2
-from fem_check.limit_load import STRIP_LIMIT, strip_punch
 
 #: Depths of the block over the period, and numbers of waves in a period.
 DEPTHS = (0.125, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
 WAVES = (1, 2, 4)
 ERROR = "relative_error"
 REFERENCE = "uncertainty of the reference"
-_MEAN_DILATATION = "mean dilatation"
-_FORMULATIONS = (_MEAN_DILATATION, "full integration")
 #: Series whose legend shows the observed order of convergence.
-_ORDERS = (*_FORMULATIONS, "raw", "corrected", "mean gap")
+_ORDERS = ("raw", "corrected", "mean gap")
 #: A J2 body of E* xi/sigma_Y = 5 and nu = 0.3; its arguments are the seed, the nodes a
 #: side and the number of the shortest waves in a period.
 _j2_scene = partial(model_scene, 5.0, 0.3)
@@ -44,7 +40,6 @@ _j2_scene = partial(model_scene, 5.0, 0.3)
 
 @study(
     "fem",
-    elements=(2, 3, 4, 6, 8),
     nodes=(3, 4, 6, 8, 12, 16),
     steps=(1, 2, 4, 8, 16, 32),
     sample=(8, range(7, 11)),
@@ -52,7 +47,6 @@ _j2_scene = partial(model_scene, 5.0, 0.3)
 )
 def fem(
     say: Say,
-    elements: Ints = (2, 3),
     nodes: Ints = (3, 4, 6, 10),
     steps: Ints = (1, 2, 4, 8),
     sample: tuple[int, Ints] = (4, range(7, 9)),
@@ -61,17 +55,15 @@ def fem(
         range(5, 7),
     ),
 ) -> Charts:
-    """Errors and costs of finite elements: element, mesh, depth, increments, load path.
+    """Errors and costs of finite elements: mesh, depth, increments, load path.
 
     The sample is how many of the shortest waves are in a period of J2 bodies (E*
     xi/sigma_Y = 5, nu = 0.3), and the seeds of their surfaces, over which errors are
     root mean squares; the references are the last of the nodes (corrected) and of the
-    steps, which is a path of its own and not exact.  Limit loads are those of a smooth
-    strip punch, against (2 + pi) k, where the solver converges; compliances of the
-    bonded block are on 64 nodes.  The paths are meshes (nodes a side, layers) of such
+    steps, which is a path of its own and not exact.  Compliances of the bonded block
+    are on 64 nodes.  The paths are meshes (nodes a side, layers) of such
     bodies with eight nodes to the shortest wave, in 4 steps, and their seeds.
     """
-    yield _limit_load_chart(say, elements)
     yield _mesh_chart(say, nodes, sample)
     yield _depth_chart(say)
     yield _steps_chart(say, steps, sample)
@@ -104,23 +96,6 @@ def _error_plot(
         ticks=ticks,
         orders=_ORDERS,
     )
-
-
-def _limit_load_chart(say: Say, elements: Ints) -> _Chart:
-    """Return the chart of the error of limit loads over the elements under a punch.
-
-    `elements` are numbers of elements in the half-width of the punch.
-    """
-    table = tabulate(say, punch_error, formulation=_FORMULATIONS, elements=elements)
-    x = Axis("elements", "elements to the half-width of the punch (–)")
-    plot = _error_plot(
-        x, "relative error of the limit load (–)", elements, "formulation"
-    )
-    caption = (
-        "How large is the error of a limit load? Bricks have a mean dilatation, or "
-        "all of their strain is integrated."
-    )
-    return plot, table, caption
 
 
 def _mesh_chart(
@@ -227,24 +202,6 @@ def _paths_chart(
         f"2048 x 2048 points, by nodes: {times}."
     )
     return plot, table, caption
-
-
-def punch_error(formulation: str, elements: int) -> dict[str, float]:
-    """Return the relative error of the limit load of a strip punch.
-
-    It is NaN where the solver does not converge, as on elements that lock.
-
-    Args:
-        formulation: "mean dilatation" or "full integration".
-        elements: Number of elements in the half-width of the punch.
-    """
-    try:
-        *_, limit = strip_punch(
-            elements, mean_dilatation=formulation == _MEAN_DILATATION
-        )
-    except NotConverged:
-        limit = math.nan
-    return {ERROR: abs(limit / STRIP_LIMIT - 1)}
 
 
 def solve_sample(
