@@ -12,7 +12,7 @@ from typing import Any
 
 import fem_check
 from epcontact.errors import InvalidCase
-from epcontact.harness.gates import Difference, difference
+from epcontact.harness.gates import difference
 from epcontact.harness.quantities.registry import quantity
 from epcontact.harness.quantities.solved_scene import SolvedScene
 from epcontact.results import ContactResult
@@ -43,9 +43,7 @@ def solve_again(
 _MOVED = {
     "area": "A_moved/A_gap - 1 of the raw areas",
     "pressure": "L2 difference of the pressures, over the L2 norm of those of the gap",
-    "distance": (
-        "Wasserstein distance of the distributions of pressure, over the hardness"
-    ),
+    "peak": "largest pressure over that of the gap, less 1",
 }
 
 
@@ -54,26 +52,26 @@ def moved(solved: SolvedScene, part: str) -> float:
     """{}, of a rough top and of a flat top with the gap.
 
     The first line is a template for the meaning of quantity.moved_<part>.  `part` is
-    area, pressure or distance.  Raises InvalidCase if the top nodes are not moved.
+    area, pressure or peak.  Raises InvalidCase if the top nodes are not moved.
     """
     geometry = solved.result.provenance.options.get("geometry")
     if geometry != "moved":
         raise InvalidCase(
             f"the geometry is {geometry}, but a rough top needs geometry = 'moved'"
         )
-    from_gap = solved.once(_from_gap)
+    flat = solved.once(_solve_flat)
+    from_flat = difference(solved.result, flat, solved.scene.material.hardness)
     values = {
-        "area": from_gap.area,
-        "pressure": from_gap.pressure,
-        "distance": from_gap.wasserstein,
+        "area": from_flat.area,
+        "pressure": from_flat.pressure,
+        "peak": float(solved.pressure.max() / flat.fields["pressure"].max()) - 1,
     }
     return values[part]
 
 
-def _from_gap(solved: SolvedScene) -> Difference:
-    """Return the difference of a result from that of the same block with a flat top."""
-    flat = solve_again(solved, geometry="gap")
-    return difference(solved.result, flat, solved.scene.material.hardness)
+def _solve_flat(solved: SolvedScene) -> ContactResult:
+    """Return the result of the same elements with a flat top and the gap."""
+    return solve_again(solved, geometry="gap")
 
 
 @quantity("Pa")
