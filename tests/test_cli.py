@@ -98,7 +98,7 @@ def test_schemas_and_commands_are_listed():
     ("command", "words"),
     [
         (("list", "--all"), "at E*xi/sigma_Y = 5"),
-        (("chart",), "pressures "),
+        (("chart",), "validity "),
         (("hardness", *STEEL), "at E*xi/sigma_Y = 11, p0/sigma_Y = 0.25"),
     ],
 )
