@@ -296,8 +296,8 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
     """Print what the tables of a verdict leave out of a judged case.
 
     This is: notes on a measured map, the table of its loads (if `with_loads`, and only
-    for a case that lists its loads), the hardness that was looked up for a J2 body, and
-    the gates that do not hold.
+    for a case that lists its loads), the hardness that was looked up for a J2 body (if
+    `with_loads`), and the gates that do not hold.
     """
     recipe = next(iter(case.case.recipes), None)
     if isinstance(recipe, HeightsFromFile | Mirrored):
@@ -307,7 +307,7 @@ def _print_case(console: Console, case: CaseVerdict, with_loads: bool) -> None:
         print_text(f"\nloads of {case.id}")
         console.print(tables.results_table(case.results, console.width))
         print_sentence(console, tables.MEANING_OF_ERRORS)
-    if case.case.told_hardness:
+    if with_loads and case.case.told_hardness:
         print_sentence(console, f"{case.id}: {case.case.told_hardness}")
     for sentence in case.hints:
         print_sentence(console, f"{case.id}: {sentence}")

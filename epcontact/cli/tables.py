@@ -28,7 +28,6 @@ from epcontact.harness.verdict.overview import (
     evidence,
     gate_words,
     headline,
-    largest_differences,
     margin_text,
     skipped_cases,
     tightest_gates,
@@ -129,8 +128,8 @@ def results_table(results: Mapping[str, MethodResults], width: int = WIDE) -> Ta
 def print_summary(console: Console, verdict: Verdict) -> None:
     """Print what a person reads first of a verdict.
 
-    This is: whether it holds, the gates nearest to falling short, how well methods
-    agree, and what is not covered.  `epcontact/harness/verdict/overview.py` says what
+    This is: whether it holds, how well methods agree, the gates nearest to falling
+    short, and what is not covered.  `epcontact/harness/verdict/overview.py` says what
     each of them is; the first screen of the report has the same content.
     """
     style = STYLES["falls short"]
@@ -139,25 +138,20 @@ def print_summary(console: Console, verdict: Verdict) -> None:
     elif verdict.exit_code == 0:
         style = STYLES["skipped"]
     console.print(text_of(headline(verdict), f"bold {style}"))
-    has_gates = any(case.gates for case in verdict.cases)
-    meaning = (
-        "a gate holds if a difference, with its 95 % interval, lies in the band that "
-        "is allowed; margin: the band over both, measured from its middle"
-    )
-    for sentence in (
-        meaning if has_gates else "",
-        evidence(verdict),
-        largest_differences(verdict),
-    ):
-        if sentence:
-            print_sentence(console, sentence)
-    if has_gates:
-        console.print()
-        console.print(_tightest_table(verdict, console.width))
+    if evidence(verdict):
+        print_sentence(console, evidence(verdict))
     table = _agreement_table(verdict, console.width)
     if table.row_count:
         console.print()
         console.print(table)
+    if any(case.gates for case in verdict.cases):
+        console.print()
+        console.print(_tightest_table(verdict, console.width))
+        print_sentence(
+            console,
+            "a gate holds if a difference, with its 95 % interval, lies in the band "
+            "that is allowed; margin: the band over both, measured from its middle",
+        )
     if uncovered_sentence(verdict):
         console.print()
         print_sentence(console, f"not covered: {uncovered_sentence(verdict)}")
@@ -187,26 +181,18 @@ def _tightest_table(verdict: Verdict, width: int) -> Table:
 def _agreement_table(verdict: Verdict, width: int) -> Table:
     """Return the table of how well methods agree, a row for each pair and quantity.
 
-    `width` is the number of columns of the terminal.
+    The rows of a pair follow one with its name.  `width` is the number of columns of
+    the terminal.
     """
-    is_wide = width >= _BESIDE_REQUIREMENT
-    headings = ("gates", "median", "largest difference")
-    table = new_table(
-        ("agreement of", "on") if is_wide else ("agreement of",), headings
-    )
+    table = new_table(("agreement of",), ("gates", "median", "largest difference"))
     table.add_column("in case", overflow="fold")
     pair = ""
     for row in agreement(verdict):
-        name = "" if row.pair == pair else row.pair
+        if row.pair != pair:
+            table.add_row(text_of(row.pair, "bold"))
         pair = row.pair
-        cells = [row.quantity, str(row.gates)]
-        cells += [difference_text(row.median), difference_text(row.largest), row.case]
-        if is_wide:
-            table.add_row(name, *cells)
-            continue
-        if name:
-            table.add_row(name)
-        table.add_row(Padding(cells[0], (0, 0, 0, 2)), *cells[1:])
+        cells = [difference_text(row.median), difference_text(row.largest), row.case]
+        table.add_row(Padding(row.quantity, (0, 0, 0, 2)), str(row.gates), *cells)
     return fit_table(table, width)
 
 

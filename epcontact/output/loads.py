@@ -66,7 +66,8 @@ def difference_text(difference: float) -> str:
     """
     if difference < _ROUNDING:
         return "< 0.0001 %"
-    return f"{100 * difference:.2g} %"
+    two_digits = float(f"{100 * difference:.2g}")
+    return f"{two_digits:g} %"
 
 
 def words_of_column(name: str) -> str:

@@ -116,8 +116,9 @@ def write_report(
         path: the page to write.
         verdict: the content of verdict.json.
         results: the content of the methods' JSON files, by case and method.
-        pictures: the pictures of each case.  One has the data of its file as a `uri`,
-            a `caption`, and the id of the `case` that shows the same picture first.
+        pictures: the pictures of each case.  One has its `name`, the data of its file
+            as a `uri`, a `caption`, and the id of the `case` that shows the same
+            picture first.
         notes: sentences for the top of the page.
         overview: the first screen, see `harness.verdict.overview`; None: there is none.
 
@@ -399,9 +400,9 @@ def _pictures(
             Cases are added to it.
 
     Returns:
-        For each picture that has a file: its content as a data `uri`, its `caption`,
-        and the `case` that shows the same picture first, in the alphabetical order of
-        the names.
+        For each picture that has a file: its `name`, its content as a data `uri`, its
+        `caption`, and the `case` that shows the same picture first, in the alphabetical
+        order of the names.
 
     Raises:
         OutputError: if a file cannot be read.
@@ -415,7 +416,8 @@ def _pictures(
                 caption = read_bytes(caption_file).decode("utf-8", "replace")
                 uri = f"data:image/{ending[1:]};base64,{content}"
                 case = first_places.setdefault(uri, case_id)
-                pictures.append({"uri": uri, "caption": caption.strip(), "case": case})
+                picture = {"name": caption_file.stem, "caption": caption.strip()}
+                pictures.append(picture | {"uri": uri, "case": case})
                 break
     return pictures
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from epcontact.errors import OutputError
 from epcontact.files import atomic_write, path_inside, read_bytes, write_bytes
-from epcontact.output.charts.maps import pressure_difference, profiles
-from epcontact.output.vtk import FieldFile, read_fields
+from epcontact.output.charts.maps import compare_pressures, profiles
+from epcontact.output.vtk import read_fields
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -98,20 +98,7 @@ def compare(first: Path | str, second: Path | str, picture: Path | str) -> None:
         raise OutputError(f"{refusal}: their grids are of {sizes[0]} and {sizes[1]}")
     if len(files[0].shape) == 1:
         raise OutputError(f"{refusal}: they are lines, not surfaces")
-    one, two = map(_method_of, files)
-    if one == two:
-        one, two = (f"{one} {Path(path).stem}" for path in paths)
-    pressure, other = (file.field("pressure") for file in files)
-    chart = pressure_difference(pressure, other, files[0].spacing, names=(one, two))
-    write_bytes(picture, chart.png())
-
-
-def _method_of(file: FieldFile) -> str:
-    """Return the name of the method that a file of fields states, in capitals.
-
-    The name is "?" if the file states no method.
-    """
-    return str(file.attributes.get("method", "?")).upper()
+    write_bytes(picture, compare_pressures(*files).png())
 
 
 def animate(

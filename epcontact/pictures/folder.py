@@ -23,7 +23,7 @@ from epcontact.harness.case_files.case import Case
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.tasks import peak_path
 from epcontact.output.charts.figures import Chart, Pictures
-from epcontact.output.charts.maps import map_of_file, pressure_difference
+from epcontact.output.charts.maps import compare_pressures, map_of_file
 from epcontact.output.charts.style import unit_for
 from epcontact.output.loads import Row
 from epcontact.output.view import animate, load_steps, screenshot
@@ -330,13 +330,12 @@ def _maps(folder: Path, methods: Sequence[str]) -> dict[str, Chart]:
         for step in sorted(path.with_name(f"{path.stem}-steps").glob("*.vti")):
             caption = _caption_at_load(method, "a", step)
             charts[f"contact-{method}-{step.stem}"] = map_of_file(step, caption)
-    for names in itertools.combinations(sorted(files), 2):
+    for names in itertools.combinations(sorted(files, reverse=True), 2):
         first, second = (files[name] for name in names)
         common = (first.shape, first.spacing) == (second.shape, second.spacing)
         if common and len(first.shape) == 2:
-            pressures = (first.field("pressure"), second.field("pressure"))
-            chart = pressure_difference(*pressures, first.spacing, names=names)
-            charts[f"pressure-difference-{'-'.join(names)}"] = chart
+            name = f"pressure-difference-{'-'.join(names)}"
+            charts[name] = compare_pressures(first, second)
     return charts
 
 

@@ -16,25 +16,31 @@ from epcontact.harness.gates import Gate
 from epcontact.harness.methods.registry import METHODS
 from epcontact.reference import CLOSED_FORMS
 
-#: The kinds of reference; the last three are the work of others.
+#: The kinds of reference.  All but an identity are comparisons with something else.
 KINDS = {
-    "identity": "a law that holds for any result, such as the balance of force",
-    "closed form": "a formula, evaluated here",
     "method here": "another method or a finer result of this program, or a limit",
-    "other code": "the result of a program that others wrote",
+    "closed form": "a formula, evaluated here",
     "published": "a value or a law that others published",
+    "other code": "the result of a program that others wrote",
     "experiment": "a measurement",
+    "identity": "a law that holds for any result, such as the balance of force",
 }
 
+#: The comparison for which the project exists: elements with J2 flow beside boundary
+#: elements with a pressure cap.  Its subjects begin so and end with the hardness.
+J2_PAIR = "J2 elements – boundary elements"
+_EFFECTIVE = "effective hardness"
 _MODEL, _AFTER, _INPUTS = "J2 flow – pressure cap", "after the load", "inputs"
-#: What can be verified: the inputs, the package's own methods, the theory or the J2
-#: model against another model, and the state after the load has fallen.
+#: What can be verified: the J2 model or the theory against another model, the package's
+#: own methods, the state after the load has fallen, and the inputs.
 SUBJECTS = (
-    _INPUTS,
-    *(method.title for method in METHODS.values() if method.title),
-    "theory – boundary elements",
+    f"{J2_PAIR}, {_EFFECTIVE}",
+    f"{J2_PAIR}, 3 σ_Y",
     _MODEL,
+    *(method.title for method in reversed(METHODS.values()) if method.title),
+    "theory – boundary elements",
     _AFTER,
+    _INPUTS,
 )
 #: Kinds of published measurements that no case uses, and the data that they lack.
 EXPERIMENTS = {
@@ -77,7 +83,8 @@ def subject_of(case: Case, gate: Gate) -> str:
     """Return what a gate verifies, in words for a table.
 
     This is one of `SUBJECTS`; or the name of another method; or two methods with a dash
-    between them, such as "theory – tamaas", if they model the body differently.
+    between them, such as "theory – tamaas", if they model the body differently.  Of J2
+    flow beside a pressure cap, the hardness follows, such as "2.7 σ_Y".
 
     Args:
         case: the case of the gate, with its methods, options and load path.
@@ -85,18 +92,30 @@ def subject_of(case: Case, gate: Gate) -> str:
     """
     if gate.quantity.startswith(("quantity.surface_", "field.heights")):
         return _INPUTS
-    if any(later < earlier for earlier, later in pairwise(case.load.path)):
-        return _AFTER
     sides = [gate.of]
     if gate.against in case.methods:
         sides.append(str(gate.against))
-    models = {_body_model(case, name) for name in sides}
-    if models == {"j2", "cap"} or gate.quantity.startswith(_MODEL_MEASURES):
+    names = {_body_model(case, name): _full_name(name) for name in sides}
+    if names.keys() == {"j2", "cap"}:
+        flowing = "J2 elements" if "finite" in names["j2"] else names["j2"]
+        return f"{flowing} – {names['cap']}, {_hardness_words(case)}"
+    if any(later < earlier for earlier, later in pairwise(case.load.path)):
+        return _AFTER
+    if gate.quantity.startswith(_MODEL_MEASURES):
         return _MODEL
-    if len(models) == 1:
+    if len(names) == 1:
         sides = [gate.of]
     sides.sort(key=lambda name: name != "persson")
     return " – ".join(_full_name(name) for name in sides)
+
+
+def _hardness_words(case: Case) -> str:
+    """Return the pressure cap of a case in words: "effective hardness" if it was looked
+    up for the J2 body, or a number of yield stresses, such as "3 σ_Y".
+    """
+    if case.told_hardness:
+        return _EFFECTIVE
+    return f"{case.material.hardness / case.material.yield_stress:.3g} σ_Y"
 
 
 def _full_name(name: str) -> str:

@@ -1,9 +1,9 @@
 """What a person reads first of a verdict: is it right, how right, and where to look.
 
 The terminal and the first screen of the report show the same content in the same order:
-the verdict in a sentence, the gates nearest to falling short, how well the methods
-agree with each other and with exact solutions, what is not covered, and the cases by
-what they verify.
+the verdict in a sentence, how well the methods agree with each other and with exact
+solutions (J2 elements with boundary elements before all others), the gates nearest to
+falling short, what is not covered, and the cases by what they verify.
 
 On the page, a table counts the gates; it is called the matrix.  The matrix has a row
 for each subject (what a gate verifies) and a column for each kind of reference.
@@ -21,14 +21,18 @@ from typing import Any
 from epcontact.harness.gates import ERROR, FALLS_SHORT, GateVerdict
 from epcontact.harness.methods.registry import METHODS
 from epcontact.harness.quantities.registry import QUANTITIES
-from epcontact.harness.verdict.evidence import EXPERIMENTS, KINDS, SUBJECTS
+from epcontact.harness.verdict.evidence import (
+    EXPERIMENTS,
+    J2_PAIR,
+    KINDS,
+    SUBJECTS,
+)
 from epcontact.harness.verdict.judgement import (
     SKIPPED,
     CaseVerdict,
     Verdict,
     tightest,
 )
-from epcontact.output.loads import difference_text
 
 _GateOfCase = tuple[CaseVerdict, GateVerdict]
 #: A margin above this is that of a difference by rounding alone.
@@ -44,6 +48,9 @@ _COMPARED = (
     "plastic area",
     "mean gap",
     "elastic energy",
+    "pressure distribution",
+    "pressure field",
+    "largest pressure",
 )
 _OTHER_QUANTITIES = "other quantities"
 #: Groups of quantities that describe the work of a solver.  No gate is expected to read
@@ -51,14 +58,21 @@ _OTHER_QUANTITIES = "other quantities"
 _OF_WORK = ("cost.", "iterations.", "residual.")
 #: What references of these kinds are called, beside the method that is judged.
 _FORMULAS = {"closed form": "closed forms", "published": "published laws"}
-#: What gates compare with, by the kind of their reference.
+_ONE_LAW = "finite elements – boundary elements"
+#: Parts of the names of pairs of methods, in the order of the table of agreement.
+_ORDER = (f"{J2_PAIR}, effective", J2_PAIR, _ONE_LAW, "plain", "theory")
+#: What gates compare, by a part of the name of their pair or by the kind of their
+#: reference.
 _EVIDENCE = {
-    "closed form": "with closed forms",
-    "method here": "with another method or an earlier value of this program",
-    "other code": "with programs of others",
+    J2_PAIR: "J2 elements with boundary elements",
+    _ONE_LAW: "elements with boundary elements of one law",
+    "plain": "fast elements with plain scikit-fem",
+    "closed form": "results with closed forms",
     "published": "with published results",
+    "theory": "with the theory",
+    "other code": "with programs of others",
     "experiment": "with experiments",
-    "identity": "with laws that any correct result obeys",
+    "method here": "with other or earlier results of this program",
 }
 #: Marks gates that expect a difference, such as that of an approximation.
 _KNOWN_DIFFERENCE = "known difference"
@@ -70,11 +84,11 @@ class Agreement:
 
     Attributes:
         pair: what is compared, such as "theory – boundary elements"; or "known
-            differences" for gates that expect a difference.
+            differences" for gates that expect a difference, J2 elements apart.
         quantity: the quantity in words, such as "total area"; what is compared, if it
             is a known difference.
         gates: the number of comparisons.
-        median: the median of the absolute relative differences.
+        median: the median of the absolute relative differences, or of the distances.
         largest: the largest of them.
         case: the id of the case with the largest difference.
     """
@@ -120,8 +134,8 @@ def overview(verdict: Verdict) -> dict[str, Any]:
     Returns:
         A dictionary with these keys:
 
-        - `headline`, `evidence`, `largest_differences`, `uncovered_sentence`: see the
-          functions of this module with these names;
+        - `headline`, `evidence`, `uncovered_sentence`: see the functions of this module
+          with these names;
         - `tightest`: for each gate nearest to falling short its `case` (the id), `gate`
           (its verdict), `words` (see `gate_words`), `margin` (a text) and `bar` (see
           `band_bar`);
@@ -161,7 +175,6 @@ def overview(verdict: Verdict) -> dict[str, Any]:
     return {
         "headline": headline(verdict),
         "evidence": evidence(verdict),
-        "largest_differences": largest_differences(verdict),
         "tightest": tight,
         "agreement": agreement(verdict),
         "points": area_points(verdict),
@@ -185,16 +198,21 @@ def _gates_of(verdict: Verdict) -> list[_GateOfCase]:
 def headline(verdict: Verdict) -> str:
     """Return the verdict in one sentence, without a final point.
 
-    It is such as "770 of 770 gates hold in 78 cases; 11 cases are skipped".
+    It counts comparisons apart from identities, such as "317 of 317 comparisons and 453
+    of 453 identities hold in 78 cases; 11 cases are skipped".
     """
-    gates = _gates_of(verdict)
-    held = sum(gate.holds for _, gate in gates)
+    parts = []
+    for words, are_identities in (("comparisons", False), ("identities", True)):
+        held = [
+            gate.holds
+            for _, gate in _gates_of(verdict)
+            if (gate.kind == "identity") == are_identities
+        ]
+        if held:
+            parts.append(f"{sum(held)} of {len(held)} {words}")
     counts = Counter[str](case.status for case in verdict.cases)
     judged = len(verdict.cases) - counts[SKIPPED]
-    sentence = (
-        f"{held} of {_count(len(gates), 'gate')} {'holds' if held == 1 else 'hold'} "
-        f"in {_count(judged, 'case')}"
-    )
+    sentence = f"{' and '.join(parts) or 'no gates'} hold in {_count(judged, 'case')}"
     if counts[SKIPPED] == len(verdict.cases) > 0:
         sentence = "nothing was judged"
     if counts[FALLS_SHORT]:
@@ -215,23 +233,25 @@ def _count(number: int, noun: str) -> str:
 
 
 def evidence(verdict: Verdict) -> str:
-    """Return a sentence on what was verified by what, without a final point.
+    """Return a sentence that counts the gates by what they compare, without a final
+    point.
 
-    It lists the methods that gates judge, and counts the gates by the kind of their
-    reference.  It is empty without a gate.
+    Comparisons of elements with boundary elements are first, and laws that any correct
+    result obeys are last.  The sentence is empty without a gate.
     """
-    gates = [gate for _, gate in _gates_of(verdict)]
-    counts = Counter(gate.kind for gate in gates)
+    counts = Counter(_evidence_of(gate) for _, gate in _gates_of(verdict))
     parts = [
-        f"{counts[kind]} {what}" for kind, what in _EVIDENCE.items() if counts[kind]
+        f"{what} ({counts[key]})" for key, what in _EVIDENCE.items() if counts[key]
     ]
-    if not parts:
-        return ""
-    methods = ", ".join(dict.fromkeys(_method_words(gate.of) for gate in gates))
-    return (
-        f"verified: contact of surfaces by {methods}; gates that compare: "
-        f"{', '.join(parts)}"
-    )
+    if counts["identity"]:
+        parts.append(f"and {counts['identity']} identities that any result must obey")
+    return f"compared: {', '.join(parts)}" if parts else ""
+
+
+def _evidence_of(gate: GateVerdict) -> str:
+    """Return what a gate compares: a key of `_EVIDENCE`, or "identity"."""
+    pair = _pair_of(gate) if gate.kind == "method here" else ""
+    return next((part for part in _EVIDENCE if part in pair), gate.kind)
 
 
 # --- where to look
@@ -369,41 +389,42 @@ def _reference_words(gate: GateVerdict) -> str:
 def _pair_of(gate: GateVerdict) -> str:
     """Return what two sides a gate compares, such as "theory – boundary elements".
 
-    It is "" for a number, which has no other side.
+    For J2 flow beside a pressure cap it is the subject of the gate, which names the
+    hardness.  It is "" for a number, which has no other side.
     """
     if not isinstance(gate.against, str):
         return ""
-    sides = [_method_words(gate.of)]
+    if gate.subject.startswith(J2_PAIR):
+        return gate.subject
+    first = _method_words(gate.of)
     if gate.kind in _FORMULAS:
-        sides.append(_FORMULAS[gate.kind])
-    elif {gate.of, gate.against} == {"fem", "bem"}:
-        sides = [_method_words("fem"), _method_words("bem")]
-    elif gate.against == "persson":
-        sides.insert(0, _method_words(gate.against))
-    else:
-        sides.append(_method_words(gate.against))
-    return " – ".join(sides)
+        return f"{first} – {_FORMULAS[gate.kind]}"
+    sides = [first, _method_words(gate.against)]
+    sides.sort(key=lambda side: (side != "theory", "finite" not in side, side))
+    pair = " – ".join(sides)
+    return f"{pair}, one law" if _ONE_LAW in pair else pair
 
 
 def agreement(verdict: Verdict) -> list[Agreement]:
     """Return how well methods agree with each other and with closed forms.
 
-    The gates are those of the norm "relative" whose reference is a method or a formula.
-    They are grouped by the two sides and by the quantity; quantities that are not in
-    `_COMPARED` are one group, "other quantities".  A gate without a finite difference
-    is left out.  Gates that expect a difference are the last groups: their pair is
-    "known differences", and the two sides are in the place of the quantity.
+    The gates are those with a method or a formula as reference, except for those of the
+    norm "absolute".  They are grouped by the two sides and by the quantity; quantities
+    that are not in `_COMPARED` are one group, "other quantities".  A gate without a
+    finite difference is left out.  The first groups are those of J2 elements with
+    boundary elements.  Other gates that expect a difference are the last groups: their
+    pair is "known differences", and the two sides are in the place of the quantity.
     """
     groups: dict[tuple[str, str], list[tuple[float, str]]] = defaultdict(list)
     for case, gate in _gates_of(verdict):
         pair = _pair_of(gate)
-        if gate.norm != "relative" or gate.difference is None or not pair:
+        if gate.norm == "absolute" or gate.difference is None or not pair:
             continue
         if not math.isfinite(gate.difference.mean):
             continue
         words = quantity_words(gate.quantity)
         quantity = words if words in _COMPARED else _OTHER_QUANTITIES
-        if expects_difference(gate):
+        if expects_difference(gate) and J2_PAIR not in pair:
             quantity = pair
             pair = f"{_KNOWN_DIFFERENCE}s"
         groups[pair, quantity].append((abs(gate.difference.mean), case.id))
@@ -440,7 +461,7 @@ def area_points(verdict: Verdict) -> list[AreaPoint]:
         value, reference = gate.value.mean, gate.reference.mean
         if not (0 < value <= 1 and 0 < reference <= 1):
             continue
-        if expects_difference(gate):
+        if expects_difference(gate) and J2_PAIR not in pair:
             pair = _KNOWN_DIFFERENCE  # has one colour
         scale = reference if gate.norm == "relative" else 1.0
         points.append(
@@ -458,47 +479,16 @@ def area_points(verdict: Verdict) -> list[AreaPoint]:
     return sorted(points, key=lambda point: _pair_order(point.pair))
 
 
-def _pair_order(pair: str) -> tuple[bool, bool, str]:
+def _pair_order(pair: str) -> tuple[bool, bool, int, str]:
     """Return a key that sorts comparisons of two methods before those with formulas.
 
-    Known differences are last.  `pair` is a text of `_pair_of`.
+    Two methods are in the order of `_ORDER`, and known differences are last.  `pair` is
+    a text of `_pair_of`.
     """
     with_formula = pair.endswith(tuple(_FORMULAS.values()))
-    return pair.startswith(_KNOWN_DIFFERENCE), with_formula, pair
-
-
-def largest_differences(verdict: Verdict) -> str:
-    """Return a sentence on how well results agree, without a final point.
-
-    It has, for each two sides that are compared, the largest relative difference of the
-    quantity that matters most: the total area, or the first one of the table of
-    `agreement` that has been compared.  Known differences are counted apart.  The
-    sentence is empty if no gate compares two sides.
-    """
-    rows = agreement(verdict)
-    known = [row for row in rows if row.pair.startswith(_KNOWN_DIFFERENCE)]
-    others = [row for row in rows if row not in known]
-    sentences = []
-    if others:
-        order = [*_COMPARED, _OTHER_QUANTITIES]
-        quantity = min((row.quantity for row in others), key=order.index)
-        largest = [
-            f"{difference_text(row.largest)} ({row.pair})"
-            for row in others
-            if row.quantity == quantity
-        ]
-        words = "all quantities" if quantity == _OTHER_QUANTITIES else quantity
-        sentences.append(f"largest difference of {words}: {', '.join(largest)}")
-    if known:
-        count = sum(row.gates for row in known)
-        worst = max(known, key=lambda row: row.largest)
-        verb = "expects" if count == 1 else "expect"
-        sentences.append(
-            f"{_count(count, 'gate')} {verb} a difference that the case explains, such "
-            "as that of a theory outside its range: up to "
-            f"{difference_text(worst.largest)} ({worst.quantity}, case {worst.case})"
-        )
-    return "; ".join(sentences)
+    places = (place for place, part in enumerate(_ORDER) if part in pair)
+    place = next(places, len(_ORDER))
+    return pair.startswith(_KNOWN_DIFFERENCE), with_formula, place, pair
 
 
 # --- what is not covered, and the cases

@@ -32,7 +32,8 @@ from epcontact.output.charts.style import (
     typeset,
     unit_for,
 )
-from epcontact.output.vtk import read_fields
+from epcontact.output.loads import difference_text
+from epcontact.output.vtk import FieldFile, read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 
 #: Most points along the longer side of a drawn field; finer grids are drawn with a
@@ -40,6 +41,13 @@ from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 POINTS = 2048
 #: Most labelled values along a side of a convergence map.
 _MOST_TICKS = 6
+#: Methods in the titles of compared pressures, by the law of elements or by their name.
+_TITLES = {
+    "j2": "J2 elements",
+    "capped": "capped elements",
+    "elastic": "elastic elements",
+    "bem": "boundary elements",
+}
 _MAP_CAPTION = "Contact state and contact pressure, seen from above."
 _PROFILE_CAPTION = (
     "A line contact: deformed profile under the rigid flat, and pressure."
@@ -247,6 +255,26 @@ def save_map(source: Path, target: Path) -> None:
         chart.save(target)
 
 
+def compare_pressures(first: FieldFile, second: FieldFile) -> Chart:
+    """Draw the pressures of two files of fields on one grid, see `pressure_difference`.
+
+    The title of each has the law of the elements or the kind of the solver, and the
+    name of its method, such as "J2 elements (fem)".  Two files with the same title are
+    told apart by their names.
+
+    Raises OutputError if a file has no pressure.
+    """
+    titles = []
+    for file in (first, second):
+        method = str(file.attributes.get("method", "?"))
+        words = _TITLES.get(str(file.attributes.get("option.law", method)), "")
+        titles.append(f"{words} ({method})" if words else method)
+    if titles[0] == titles[1]:
+        titles = [f"{titles[0]} {Path(file.source).stem}" for file in (first, second)]
+    pressures = (first.field("pressure"), second.field("pressure"))
+    return pressure_difference(*pressures, first.spacing, names=(titles[0], titles[1]))
+
+
 def pressure_difference(
     first: NDArray[Any],
     second: NDArray[Any],
@@ -263,12 +291,15 @@ def pressure_difference(
         names: the names of the two methods.
 
     Returns:
-        The chart; its data, all in Pa, are the largest pressure and difference, the rms
-        difference and both mean pressures.  The difference is first minus second.
+        The chart; its data are, in Pa, the largest pressure and difference, the rms
+        difference and both mean pressures, and the rms difference over the rms of the
+        second pressure.  The difference is first minus second.
     """
     largest = float(max(np.max(first), np.max(second)))
     difference = np.asarray(first, dtype=np.float64) - second
     largest_difference = float(np.max(np.abs(difference)))
+    second_norm = float(np.linalg.norm(second)) or 1.0
+    relative = float(np.linalg.norm(difference)) / second_norm
     with styled():
         figure, axes = new_figure(10.2, 3.4, columns=3)
         left, middle, right = axes
@@ -280,18 +311,23 @@ def pressure_difference(
         bound = largest_difference / scale or 1.0
         look = {"cmap": style.DIFFERENCE_MAP, "vmin": -bound, "vmax": bound}
         image = show_field(right, difference / scale, spacing, **look)
-        figure.colorbar(image, ax=right, shrink=0.82, label=f"difference ({unit})")
+        label = f"left minus middle ({unit})"
+        figure.colorbar(image, ax=right, shrink=0.82, label=label)
         left.set_title(label_text(names[0]))
         middle.set_title(label_text(names[1]))
-        right.set_title(label_text(f"{names[0]} minus {names[1]}"))
+        right.set_title(f"difference, rms: {difference_text(relative)}")
     rows = [
         ("largest_pressure_Pa", largest),
         ("largest_difference_Pa", largest_difference),
         ("rms_difference_Pa", float(np.sqrt(np.mean(difference**2)))),
         ("mean_pressure_first_Pa", float(np.mean(first, dtype=np.float64))),
         ("mean_pressure_second_Pa", float(np.mean(second, dtype=np.float64))),
+        ("rms_difference_over_second", relative),
     ]
-    caption = f"Contact pressure by {names[0]} and by {names[1]}, and their difference."
+    caption = (
+        f"Contact pressure by {names[0]} and by {names[1]}, and their difference, "
+        f"which is {difference_text(relative)} in the mean square."
+    )
     return Chart(figure, ("quantity", "value"), rows, caption)
 
 
