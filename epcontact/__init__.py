@@ -1,4 +1,9 @@
-"""epcontact: solve one rough elastoplastic contact by three methods and compare them.
+"""epcontact: J2 finite elements beside boundary elements on one rough contact.
+
+`fem_check` presses a half-block of elastic, perfectly plastic (J2) elements with a
+rough top on a rigid flat, and `epcontact.bem` solves the same scene with a largest
+pressure, the hardness.  Their areas and pressures are compared, and Persson's theory
+(`epcontact.persson`), closed forms and codes of others stand beside them.
 
 Conventions of every module
 ---------------------------

@@ -1,11 +1,24 @@
-"""fem_check: a finite-element half-block that solves epcontact's scenes independently.
+"""fem_check: elastic and J2 finite elements that check the boundary elements.
 
-It imports only scene, results, errors, machine and files from epcontact: no kernel,
-spectrum, area correction or formula for a modulus.
+`solve` solves a scene, `solve_plain` solves a small one in plain scikit-fem,
+`solve_path` returns the finite-element states, and `mesh_of` their mesh for other
+codes.  With the block's `surface_compliance` boundary elements can solve exactly the
+same body.
 
-`solve` solves a scene, `solve_path` returns the finite-element states, and `mesh_of`
-their mesh for other codes.  With the block's `surface_compliance` boundary elements can
-solve exactly the same body.
+What is shared, and what is not.  fem_check imports only scene, results, errors,
+machine, files and notebook (a progress bar) from epcontact: no kernel, spectrum, area
+correction or formula for a modulus.  Green's function and law are therefore
+independent of the boundary elements.  The algorithms are so only in part:
+
+- Elastic and capped elements use the same family of algorithms as the boundary
+  elements.  Fourier transforms along the top (ducc0) give the compliance of the block,
+  active sets find the contact, and numba compiles the loops.
+- J2 flow is solved in the volume, by Newton's method with radial return in loops of
+  numba.  The transforms precondition its linear solves, with the contact set held.
+- `plain` shares none of this.  Its mesh, forms and assembly are scikit-fem's, its
+  linear solver is scipy's, and it has no Fourier transform.  Cases compare it with the
+  fast elements state by state, and its functions certify every state of these.  Both
+  have the choice of the nodes and the estimate of corrected areas in common.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def test_commands_then_the_code_that_reads_their_results(home):
     for text in blocks("bash")[2:]:
         if "epcontact new" not in text:  # `home` ran it
             run(["bash", "-ec", text], home)
-    assert (home / "contact.png").stat().st_size > 10_000
+    assert (home / "pressures.png").stat().st_size > 10_000
     (reader,) = [text for text in blocks("python") if "pyvista" in text]
     assert "pressure" in run([sys.executable, "-c", reader], home)
 

@@ -38,7 +38,7 @@ from epcontact.harness.gates import (
 from epcontact.harness.solving.method_results import MethodResults
 from epcontact.harness.solving.run import run_cases
 from epcontact.harness.solving.tasks import Run
-from epcontact.harness.verdict.evidence import kind_of, subject_of
+from epcontact.harness.verdict.evidence import J2_PAIR, kind_of, subject_of
 from epcontact.harness.verdict.files import write_verdict
 from epcontact.harness.verdict.judgement import Verdict, judge_case
 from epcontact.harness.verdict.run_info import commit_of
@@ -344,6 +344,9 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
     fem-model-5 quantity.model_area 0.212: method here, J2 flow – pressure cap
     path-fem quantity.elements_pressure 0.0: method here, finite elements
     path-unloaded quantity.measured_gap 0.0: identity, after the load
+    j2-bem-5 field.pressure bem: method here, J2 – bem, effective hardness
+    j2-bem-plain distribution bem: method here, J2 – bem, effective hardness
+    j2-tabor-50 area.total.corrected bem: method here, J2 – bem, 3 σ_Y
     path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines(),
 )
 def test_what_a_gate_verifies_and_on_what_it_rests(named):
@@ -351,9 +354,10 @@ def test_what_a_gate_verifies_and_on_what_it_rests(named):
     of known gates.
 
     `named` is a case, a quantity and a reference, then after the colon the expected
-    kind and subject.
+    kind and subject, in which "J2 – bem" stands for J2 elements beside boundary
+    elements.
     """
-    place, _, expected = named.strip().partition(": ")
+    place, _, expected = named.replace("J2 – bem", J2_PAIR).strip().partition(": ")
     name, quantity, against = place.split(" ")
     case = load_case(find_case(name))
     gates = {(gate.quantity, f"{gate.against}"): gate for gate in case.gates}

@@ -78,7 +78,7 @@ _WIDEST_HELP = 120
 )
 @click.version_option(package_name="epcontact")
 def cli() -> None:
-    """Cross-validate rough elastoplastic contact by theory and numerical methods."""
+    """Compare J2 finite elements and boundary elements of one rough contact."""
 
 
 def main() -> None:
