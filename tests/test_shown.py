@@ -908,9 +908,8 @@ def test_a_verdict_says_first_whether_it_holds_how_right_it_is_and_where_to_look
     assert seen["headline"] == (
         "3 of 4 comparisons hold in 4 cases; 1 case falls short; 1 case is skipped"
     )
-    assert (
-        seen["evidence"]
-        == "compared: results with closed forms (1), with the theory (3)"
+    assert seen["evidence"] == (
+        "compared: results with closed forms (1), numerical methods with the theory (3)"
     )
     tight = [(row["case"], row["margin"]) for row in seen["tightest"]]
     assert tight == [("c", "0.645"), ("b", "2.86"), ("a", "4"), ("d", "10")]
@@ -954,7 +953,8 @@ def test_known_differences_are_set_apart_from_those_that_should_be_zero():
         ("known differences", pair, "c"),
     ]
     assert seen["evidence"] == (
-        "compared: J2 elements with boundary elements (1), with the theory (2)"
+        "compared: J2 elements with boundary elements (1), "
+        "numerical methods with the theory (2)"
     )
     words = {row["case"]: row["words"] for row in seen["tightest"]}
     assert [case for case in words if "known difference" in words[case]] == ["c", "j"]

@@ -68,11 +68,11 @@ _EVIDENCE = {
     _ONE_LAW: "elements with boundary elements of one law",
     "plain": "fast elements with plain scikit-fem",
     "closed form": "results with closed forms",
-    "published": "with published results",
-    "theory": "with the theory",
-    "other code": "with programs of others",
-    "experiment": "with experiments",
-    "method here": "with other or earlier results of this program",
+    "published": "results with published ones",
+    "theory": "numerical methods with the theory",
+    "other code": "results with programs of others",
+    "experiment": "results with experiments",
+    "method here": "results with other or earlier ones of this program",
 }
 #: Marks gates that expect a difference, such as that of an approximation.
 _KNOWN_DIFFERENCE = "known difference"
