@@ -495,9 +495,11 @@ def solve_path(
             ends = [target * math.sqrt(k / steps) for k in range(1, steps)]
             loads = [load for load in ends if load > largest] + loads
         for load in loads:
+            is_elastic = load <= largest
             largest = max(load, largest)
-            if load > 0 and not state.contact.any():
-                # A single node cannot carry the load: begin from the elastic contact.
+            if load > 0 and (is_elastic or not state.contact.any()):
+                # Newton's method begins from the elastic contact: a single node cannot
+                # carry the load, and loads up to the largest one are nearly elastic.
                 state = equilibrium(block, state, load, largest, 1e-3, flows=False)
             state = equilibrium(block, state, load, largest, tolerance)
         yield state

@@ -220,3 +220,18 @@ def test_the_certificate_sees_a_wrong_history(hardening_path):
         found = certify(path.problem, law, point.state, before, after, point.peak)
         assert found["certified_balance"] < 1e-7
         assert found["certified_flow"] > 0.01
+
+
+def test_loads_below_the_largest_one_take_few_newton_steps():
+    """Unloading to a fifth and loading again take at most 6 Newton steps each.
+
+    From the contact of the load before they take 17 and 21, and on larger blocks
+    Newton's method does not converge.
+    """
+    scene = rough_scene(12, 3, pressure=(0.15, 0.03, 0.15))
+    options = FemOptions(layers=4, steps=4, tolerance=1e-10)
+    block = plain_result.plain_block(scene, options)
+    states = plain.solve_path(block, scene.load.path, options.steps, 1e-10)
+    _, unloaded, again = states
+    assert unloaded.newton_steps <= 6
+    assert again.newton_steps <= 6
