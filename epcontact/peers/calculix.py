@@ -29,7 +29,7 @@ import math
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -486,6 +486,7 @@ def solve(
     *,
     element: str = ELEMENT,
     penalty: float = PENALTY,
+    on_load: Callable[[ContactResult], None] | None = None,
 ) -> ContactResult:
     """Solve a scene by CalculiX on the block of `fem_check`.
 
@@ -495,6 +496,8 @@ def solve(
             "gap"; None: the defaults.
         element: CalculiX's name of the element, such as "C3D8I".
         penalty: stiffness of a spring over Young's modulus times the grid spacing.
+        on_load: called for each load, after the last one is solved, with the result up
+            to this load, whose fields belong to it.
 
     Returns:
         The result, with a load step for each mean pressure and the fields of the last
@@ -514,11 +517,6 @@ def solve(
     with tempfile.TemporaryDirectory(prefix="epcontact-") as folder:
         printed, iterations = _run_ccx(text, Path(folder))
     tables = iter(printed)
-    steps = []
-    for load in scene.load.path:
-        step_tables = _read_step(tables, (nx, ny), given.law == "j2")
-        step, fields = _result_of_step(problem, scene, load, step_tables)
-        steps.append(step)
     described = {
         **asdict(given),
         "depth": block.depth,
@@ -527,22 +525,30 @@ def solve(
         "first_layer": float(block.layers[0]),
         "solver": PROGRAM,
     }
-    # The fields of the last load; a line has them without the second axis.
+    steps = []
+    # The fields of a line are without the second axis.
     shape = scene.surface.shape
-    of_scene = {name: values.reshape(shape) for name, values in fields.items()}
-    return ContactResult(
-        method="calculix",
-        steps=tuple(steps),
-        provenance=Provenance(scene.digest, scene.surface.seed, described),
-        distribution=distribution(fields["pressure"], fields["state"], np.inf),
-        fields={"heights": scene.surface.heights, **of_scene},
-        cost={
-            "seconds": time.perf_counter() - started,
-            "iterations": iterations,
-            "unknowns": 3 * nx * ny * len(block.layers),
-        },
-        notes=(*scene.surface.notes, *_unused_hardness(scene, given)),
-    )
+    for load in scene.load.path:
+        step_tables = _read_step(tables, (nx, ny), given.law == "j2")
+        step, fields = _result_of_step(problem, scene, load, step_tables)
+        steps.append(step)
+        of_scene = {name: values.reshape(shape) for name, values in fields.items()}
+        result = ContactResult(
+            method="calculix",
+            steps=tuple(steps),
+            provenance=Provenance(scene.digest, scene.surface.seed, described),
+            distribution=distribution(fields["pressure"], fields["state"], np.inf),
+            fields={"heights": scene.surface.heights, **of_scene},
+            cost={
+                "seconds": time.perf_counter() - started,
+                "iterations": iterations,
+                "unknowns": 3 * nx * ny * len(block.layers),
+            },
+            notes=(*scene.surface.notes, *_unused_hardness(scene, given)),
+        )
+        if on_load is not None:
+            on_load(result)
+    return result
 
 
 def _unused_hardness(scene: Scene, options: FemOptions) -> tuple[str, ...]:

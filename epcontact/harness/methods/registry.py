@@ -466,14 +466,11 @@ def _calculix(
     """Solve a scene by the program CalculiX; see `Solve`.
 
     `options` are those of the finite elements (the table [fem]).  `threads` has no
-    effect.  `on_load` is called once, after the last load, whose fields the result has.
+    effect.  `on_load` is called for each load after the last one is solved.
     """
     from epcontact.peers import calculix
 
-    result = calculix.solve(scene, options)
-    if on_load is not None:
-        on_load(result)
-    return result
+    return calculix.solve(scene, options, on_load=on_load)
 
 
 def _foreign(
