@@ -31,6 +31,7 @@ from epcontact.machine import LINEAR_ALGEBRA, single_threads
 #: The module of each command, whose function has the name of the command.
 COMMANDS = {
     "accuracy": "compare_and_accuracy",
+    "benchmark": "compare_and_accuracy",
     "chart": "charts",
     "cite": "keys_gates_and_sources",
     "compare": "compare_and_accuracy",
@@ -55,6 +56,7 @@ COMMANDS = {
 #: Examples at the end of the help of each command.
 EXAMPLES = {
     "accuracy": ("accuracy results/accuracy-elastic",),
+    "benchmark": ("benchmark", "benchmark mycode.csv --csv table.csv"),
     "chart": ("chart", "chart validity", "chart speed --full"),
     "cite": ("cite paper-elastoplastic",),
     "compare": ("compare results", "compare old/verdict.json results"),
@@ -144,6 +146,25 @@ def accuracy(**_: Any) -> None:
     Differences of areas are over the reference, or over a thousandth of the nominal
     area where that is more.  Times are over those of boundary elements on 4 points per
     shortest wave.
+    """
+
+
+@click.command()
+@click.argument("files", nargs=-1, type=_path)
+@click.option(
+    "--csv", "table", type=_file, help="Write each scene, load and code to this file."
+)
+@click.option(
+    "--copy", type=_path, help="Write heights, materials and loads into a new folder."
+)
+@_runs
+def benchmark(**_: Any) -> None:
+    """Compare codes for elastoplastic contact on the six scenes of the benchmark.
+
+    The table shows how far codes are from plain finite elements at the loads that they
+    have solved: the median and the largest of the differences.  FILES are the fields of
+    other codes, a CSV file each, whose name is that of the code: a row for each node
+    with the columns scene, load, i, j, pressure (Pa) and, if it is known, gap (m).
     """
 
 

@@ -1,7 +1,8 @@
-"""The commands on changes and accuracy: compare and accuracy."""
+"""The commands on changes and accuracy: compare, accuracy and benchmark."""
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from epcontact.harness.verdict.compare import (
 )
 from epcontact.studies import STUDIES, save_charts
 from epcontact.studies import accuracy as ledgers
+from epcontact.studies import benchmark as benchmarks
 
 #: Rows of a table, and names of a list, that a terminal shows; the CSV file has all.
 _ROWS = 20
@@ -198,3 +200,23 @@ def _range_text(low: float, high: float) -> str:
     """Return "low to high", or one number if both are the same in three digits."""
     ends = (f"{low:.3g}", f"{high:.3g}")
     return " to ".join(dict.fromkeys(ends))
+
+
+def benchmark(files: tuple[Path, ...], table: Path | None, copy: Path | None) -> None:
+    """Print how far codes are from plain finite elements on the benchmark.
+
+    The arguments are those of `commands.benchmark`.
+    """
+    if copy is not None:
+        benchmarks.copy_files(copy)
+    results = benchmarks.compare_codes(files)
+    if table is not None:
+        ledgers.write_table(results, table)
+    headings = ("code", "loads", *benchmarks.COLUMNS)
+    cells = []
+    for code, row in benchmarks.summarise(results).iterrows():
+        texts = [str(code), f"{row['loads']:.0f}"]
+        for name, form in benchmarks.COLUMNS.values():
+            texts.append(form.format(row[name], row[f"{name}_largest"]))
+        cells.append(tuple(re.sub(r"[+]?nan%?", "–", text) for text in texts))
+    print_rows(open_console(), headings, cells)
