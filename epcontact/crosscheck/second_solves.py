@@ -36,6 +36,8 @@ def solve_again(
     """
     scene = replace(solved.scene, load=load or solved.scene.load)
     options = {**solved.result.provenance.options, **changes}
+    if scene.body.kind != "half_space":
+        del options["depth"]  # that of the layer, up to rounding
     return fem_check.solve(scene, certified=False, threads=solved.threads, **options)
 
 
