@@ -33,10 +33,10 @@ from epcontact.harness.verdict.overview import (
     tightest_gates,
     uncovered_sentence,
 )
+from epcontact.output.charts.style import difference_text
 from epcontact.output.loads import (
     Row,
     connection_sentences,
-    difference_text,
     load_cells,
 )
 from epcontact.results import COLUMNS

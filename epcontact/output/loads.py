@@ -18,8 +18,6 @@ from typing import Any, NamedTuple
 from epcontact.output.charts.style import unit_for
 from epcontact.results import COLUMNS, ContactResult
 
-#: Relative differences below this are those of rounding, and are shown without digits.
-_ROUNDING = 1e-6
 #: A row of a load, see `epcontact.harness.solving.method_results.load_rows`.
 Row = Mapping[str, Any]
 
@@ -57,17 +55,6 @@ def load_cells(
         parts = [f"{source} {float(part):.2g}" for source, part in sources.items()]
         cells.append([row.get("branch", ""), *texts, ", ".join(parts)])
     return cells
-
-
-def difference_text(difference: float) -> str:
-    """Return an absolute relative difference as text in per cent, with two digits.
-
-    Differences below a millionth are those of rounding and have no digits.
-    """
-    if difference < _ROUNDING:
-        return "< 0.0001 %"
-    two_digits = float(f"{100 * difference:.2g}")
-    return f"{two_digits:g} %"
 
 
 def words_of_column(name: str) -> str:

@@ -28,8 +28,8 @@ from epcontact.files import (
     write_text,
 )
 from epcontact.output.charts.figures import PAGE_ENDINGS, Pictures
-from epcontact.output.charts.style import CYCLE, unit_for
-from epcontact.output.loads import connection_sentences, difference_text, load_cells
+from epcontact.output.charts.style import CYCLE, difference_text, unit_for
+from epcontact.output.loads import connection_sentences, load_cells
 from epcontact.results import ContactResult
 
 Data = Mapping[str, Any]  # the content of a JSON file

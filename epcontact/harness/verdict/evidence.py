@@ -27,7 +27,7 @@ KINDS = {
 }
 
 #: The comparison for which the project exists: elements with J2 flow beside boundary
-#: elements with a pressure cap.  Its subjects begin so and end with the hardness.
+#: elements with a pressure cap.  Its subjects begin so, and the hardness follows.
 J2_PAIR = "J2 elements – boundary elements"
 _EFFECTIVE = "effective hardness"
 _MODEL, _AFTER, _INPUTS = "J2 flow – pressure cap", "after the load", "inputs"
@@ -56,6 +56,8 @@ EXPERIMENTS = {
 }
 #: Beginnings of the names of quantities that compare J2 flow with a pressure cap.
 _MODEL_MEASURES = ("quantity.model_", "quantity.effective_")
+#: Beginnings of the names of quantities that compare elements with another solve.
+_SECOND_SOLVES = ("quantity.elements_", "quantity.moved_")
 
 
 def kind_of(case: Case, gate: Gate) -> str:
@@ -75,7 +77,7 @@ def kind_of(case: Case, gate: Gate) -> str:
         return "closed form" if CLOSED_FORMS[gate.against].exact else "published"
     if gate.kind:
         return gate.kind
-    compares = gate.quantity.startswith((*_MODEL_MEASURES, "quantity.elements_"))
+    compares = gate.quantity.startswith((*_MODEL_MEASURES, *_SECOND_SOLVES))
     return "identity" if gate.against == 0 and not compares else "method here"
 
 
@@ -84,7 +86,8 @@ def subject_of(case: Case, gate: Gate) -> str:
 
     This is one of `SUBJECTS`; or the name of another method; or two methods with a dash
     between them, such as "theory – tamaas", if they model the body differently.  Of J2
-    flow beside a pressure cap, the hardness follows, such as "2.7 σ_Y".
+    flow beside a pressure cap, the hardness follows, such as "2.7 σ_Y", and "rough top"
+    if the nodes of the top are moved to the heights.
 
     Args:
         case: the case of the gate, with its methods, options and load path.
@@ -98,7 +101,11 @@ def subject_of(case: Case, gate: Gate) -> str:
     names = {_body_model(case, name): _full_name(name) for name in sides}
     if names.keys() == {"j2", "cap"}:
         flowing = "J2 elements" if "finite" in names["j2"] else names["j2"]
-        return f"{flowing} – {names['cap']}, {_hardness_words(case)}"
+        moved = any(
+            "moved" in of_method.values() for of_method in case.options.values()
+        )
+        top = ", rough top" if moved else ""
+        return f"{flowing} – {names['cap']}, {_hardness_words(case)}{top}"
     if any(later < earlier for earlier, later in pairwise(case.load.path)):
         return _AFTER
     if gate.quantity.startswith(_MODEL_MEASURES):

@@ -28,11 +28,11 @@ from epcontact.output.charts.style import (
     FLATTENED,
     STATE_COLOURS,
     STATE_NAMES,
+    difference_text,
     label_text,
     typeset,
     unit_for,
 )
-from epcontact.output.loads import difference_text
 from epcontact.output.vtk import FieldFile, read_fields
 from epcontact.results import APART, ELASTIC, PLASTIC, FloatArray
 

@@ -118,6 +118,8 @@ _SYMBOLS = (
     (r"(?<!\\)\bzeta(?= = )", r"$\zeta$", "ζ"),
     (r"(?<=\de-)0", "", ""),  # 1e-08
 )
+#: Relative differences below this are those of rounding, and are shown without digits.
+_ROUNDING = 1e-6
 
 
 def label_text(words: str) -> str:
@@ -141,6 +143,17 @@ def typeset(text: str, *, mathtext: bool = True) -> str:
         symbol = math_symbol if mathtext else plain_symbol
         text = re.sub(pattern, symbol.replace("\\", r"\\"), text)
     return text
+
+
+def difference_text(difference: float) -> str:
+    """Return an absolute relative difference as text in per cent, with two digits.
+
+    Differences below a millionth are those of rounding and have no digits.
+    """
+    if difference < _ROUNDING:
+        return "< 0.0001 %"
+    two_digits = float(f"{100 * difference:.2g}")
+    return f"{two_digits:g} %"
 
 
 def unit_for(largest: float, unit: str) -> tuple[float, str]:
