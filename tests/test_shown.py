@@ -249,8 +249,13 @@ def test_a_collection_stands_for_its_last_load(ran):
 def test_the_page_holds_the_pictures_the_scene_and_every_cell_of_the_gates(ran):
     """The report shows every picture's caption, every value that describes the scene,
     and five cells for each gate of the verdict.
+
+    The pressures of the two methods are the only picture above the gates.
     """
-    _, pictures, cells = page_of(ran.home / "report.html")
+    text, pictures, cells = page_of(ran.home / "report.html")
+    above, below = text.split(">Gates<")
+    assert above.count("<img") == above.count('alt="Contact pressure by capped') == 1
+    assert below.count("<img") == len(pictures) - 1
     captions = {path.read_text().strip() for path in ran.folder.glob("*.txt")}
     assert pictures == captions
     tables = tree_of(ran.home / "report.html").iter("table")
