@@ -79,8 +79,6 @@ SMALL: dict[str, dict[str, Any]] = {
     },
     "magnification": {"points": 4, "bandwidth": 16, "count": 5, "seeds": range(3)},
     "speed": {"sides": (64, 128), "threads": 1, "solves": (1, 1)},
-    "treatment": {"points": (24,), "seeds": (2,), "tiles": 2}
-    | {"kinds": ("rolled off", "turned")},
     "validity": {"points": (6, 8)},
 }
 
@@ -359,22 +357,6 @@ def test_the_formula_of_the_hardness_is_near_the_places_of_the_map(number):
     assert len(deviations) > 30
     # The caption says that the formula misses 4.1 %, twice the root mean square.
     assert math.sqrt(np.mean(np.square(deviations))) < 0.041
-
-
-def test_a_mirrored_map_conducts_and_a_periodic_one_percolates_as_the_whole():
-    """On cut-outs of known surfaces, mirroring has less than 10 % error of the
-    conductance, and a periodic continuation less than 10 % of the gap's percolation.
-    """
-    errors = {}
-    for number, chart in enumerate(charts_of("treatment"), 1):
-        quantity = re.match("How far is the (.*) of (crops|controls)", chart.caption)[1]
-        table = drawn("treatment", number)
-        table["square"] = table["error"] ** 2
-        errors[quantity] = np.sqrt(table.groupby("series")["square"].mean())
-    conductance = errors["conductance"]
-    assert conductance["mirrored"] < 0.1 < conductance["periodic"]
-    percolation = errors["gap percolation"]
-    assert percolation["periodic"] < 0.1 < percolation["mirrored"]
 
 
 def test_the_errors_of_the_theory_are_those_that_a_result_reports():

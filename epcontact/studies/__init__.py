@@ -16,7 +16,6 @@ from epcontact.studies import (  # noqa: F401
     metal,
     peers,
     theory,
-    treatment,
     validity,
 )
 from epcontact.studies.frame import STUDIES, save_charts

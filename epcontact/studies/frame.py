@@ -186,15 +186,6 @@ def root_mean_square(
     return means.assign(**{value: np.sqrt(means[value])})
 
 
-def by_name(*makers: Any) -> dict[str, Callable[..., Any]]:
-    """Return functions by their names, with spaces instead of underscores.
-
-    The function `_truncated_cones`, one of the `makers`, gets the key "truncated
-    cones".
-    """
-    return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
-
-
 def list_rows(table: pd.DataFrame, form: str) -> str:
     """Return the rows of a table as text for a caption, separated by commas.
 

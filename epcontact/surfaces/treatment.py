@@ -20,7 +20,7 @@ edges.  A map counts as not periodic if the rms difference of its last and first
 more than `LARGEST_JUMP` times the largest rms difference of two neighbouring rows.
 Jumps at the edges are cliffs, which count as slope in the spectrum of the map and carry
 load as edges of punches do.  A mirrored map has no such cliffs; it has four times the
-points.  `epcontact chart treatment` shows what each treatment does to the results.
+points.  `laboratory.treatment` shows what each treatment does to the results.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ ROUNDING = 1e-12
 #: Factors of the errors by the treatment of edges.  An error is the factor times rms
 #: slope over rms curvature over the shorter side of the map.  Errors of areas are
 #: fractions of the total area, and the others are relative.  Nine of ten maps of six
-#: kinds of surfaces stay within them (`epcontact chart treatment --full`).
+#: kinds of surfaces stay within them (`laboratory.treatment --full`).
 EDGE_ERRORS = {
     "mirrored": {
         "total_area": 1.5,

@@ -34,9 +34,8 @@ from epcontact.bem.kernel import rfft_wavenumbers
 from epcontact.errors import NotConverged
 from epcontact.results import FloatArray
 from epcontact.scene import Surface, rms_slope
-from epcontact.studies.frame import by_name
 from laboratory import areas as study
-from laboratory.areas import Maker, Member, roughness
+from laboratory.areas import Maker, Member, by_name, roughness
 
 PARTS = ("total", "plastic", "elastic")
 FACTORS, REFERENCE = (1, 2, 4), 16

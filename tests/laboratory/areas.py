@@ -31,7 +31,6 @@ from epcontact.studies.frame import (
     Rows,
     Say,
     Study,
-    by_name,
     tabulate,
 )
 from epcontact.studies.paper_scene import PARTS, self_affine
@@ -46,6 +45,15 @@ Random = np.random.Generator
 #: A function that returns the heights of a kind on a patch: the grid of a `Member`, or
 #: a finer one.
 Maker = Callable[[Any, Random], Any]
+
+
+def by_name(*makers: Any) -> dict[str, Callable[..., Any]]:
+    """Return functions by their names, with spaces instead of underscores.
+
+    The function `_truncated_cones`, one of the `makers`, gets the key "truncated
+    cones".
+    """
+    return {maker.__name__.replace("_", " ").strip(): maker for maker in makers}
 
 
 def roughness(

@@ -47,8 +47,7 @@ from epcontact.interface.rim import (
 from epcontact.interface.stiffness import carrying_points
 from epcontact.reference.posts import FLAT_PUNCH
 from epcontact.studies.conductance import joint_scene
-from epcontact.studies.frame import by_name
-from laboratory.areas import KINDS, member, roughness
+from laboratory.areas import KINDS, by_name, member, roughness
 
 #: The fraction of errors that are to be smaller than their estimates.
 COVERED = 0.94

@@ -3,6 +3,8 @@
 Maps are cut out of larger periodic ones, and lie tilted.  The unit of length is the
 spacing of the grid, E* is 1, the rms slope SLOPE and the hardness HARDNESS: contact
 depends on the ratios alone.
+
+`python -m laboratory.treatment [--full]` draws the charts.
 """
 
 from __future__ import annotations
@@ -27,16 +29,17 @@ from epcontact.studies.frame import (
     Ints,
     Rows,
     Say,
-    by_name,
+    Study,
     list_rows,
     root_mean_square,
-    study,
     tabulate,
 )
 from epcontact.studies.paper_scene import self_affine
 from epcontact.surfaces import HeightsFromArray
 from epcontact.surfaces.power_spectrum import even_moments
 from epcontact.surfaces.treatment import remove_form
+from laboratory import charts
+from laboratory.areas import by_name
 
 SLOPE = 0.05
 HARDNESS = 0.2 * SLOPE
@@ -284,12 +287,6 @@ def crops(
     return rows
 
 
-@study(
-    "treatment",
-    points=(96, 192),
-    seeds=(2, 3),
-    tiles=5,
-)
 def treatment(
     say: Say,
     points: Ints = (48,),
@@ -334,3 +331,10 @@ def treatment(
                 f"How far is the {name} of {maps} from that of the surface? {listed}."
             )
             yield plot, means, caption
+
+
+FULL = {"points": (96, 192), "seeds": (2, 3), "tiles": 5}
+STUDY = Study("treatment", treatment, FULL)
+
+if __name__ == "__main__":
+    charts.save(STUDY)
