@@ -348,7 +348,8 @@ def test_areas_less_sure_than_the_band_do_not_hold(case):
     j2-bem-plain distribution bem: method here, J2 – bem, effective hardness
     j2-tabor-50 area.total.corrected bem: method here, J2 – bem, 3 σ_Y
     moved-5-10 field.pressure bem: method here, J2 – bem, effective hardness, rough top
-    moved-5-10 quantity.moved_area 0.0: method here, finite elements
+    moved-5-10 quantity.moved_area 0.0: method here, finite elements, rough top
+    moved-5-10 quantity.measured_force 0.0: identity, finite elements, rough top
     path-elastic quantity.surface_summit_y 0.025: closed form, inputs""".splitlines(),
 )
 def test_what_a_gate_verifies_and_on_what_it_rests(named):

@@ -86,8 +86,8 @@ def subject_of(case: Case, gate: Gate) -> str:
 
     This is one of `SUBJECTS`; or the name of another method; or two methods with a dash
     between them, such as "theory – tamaas", if they model the body differently.  Of J2
-    flow beside a pressure cap, the hardness follows, such as "2.7 σ_Y", and "rough top"
-    if the nodes of the top are moved to the heights.
+    flow beside a pressure cap, the hardness follows, such as "2.7 σ_Y".  "rough top"
+    follows if the nodes of the elements' top are moved to the heights.
 
     Args:
         case: the case of the gate, with its methods, options and load path.
@@ -98,13 +98,11 @@ def subject_of(case: Case, gate: Gate) -> str:
     sides = [gate.of]
     if gate.against in case.methods:
         sides.append(str(gate.against))
+    options = case.options.get(gate.of, {})
+    top = ", rough top" if options.get("geometry") == "moved" else ""
     names = {_body_model(case, name): _full_name(name) for name in sides}
     if names.keys() == {"j2", "cap"}:
         flowing = "J2 elements" if "finite" in names["j2"] else names["j2"]
-        moved = any(
-            "moved" in of_method.values() for of_method in case.options.values()
-        )
-        top = ", rough top" if moved else ""
         return f"{flowing} – {names['cap']}, {_hardness_words(case)}{top}"
     if any(later < earlier for earlier, later in pairwise(case.load.path)):
         return _AFTER
@@ -113,7 +111,7 @@ def subject_of(case: Case, gate: Gate) -> str:
     if len(names) == 1:
         sides = [gate.of]
     sides.sort(key=lambda name: name != "persson")
-    return " – ".join(_full_name(name) for name in sides)
+    return " – ".join(_full_name(name) for name in sides) + top
 
 
 def _hardness_words(case: Case) -> str:

@@ -402,7 +402,8 @@ def _pair_of(gate: GateVerdict) -> str:
     sides = [first, _method_words(gate.against)]
     sides.sort(key=lambda side: (side != "theory", "finite" not in side, side))
     pair = " – ".join(sides)
-    return f"{pair}, one law" if _ONE_LAW in pair else pair
+    top = ", rough top" if "rough top" in gate.subject else ""
+    return f"{pair}, one law{top}" if _ONE_LAW in pair else pair
 
 
 def agreement(verdict: Verdict) -> list[Agreement]:
