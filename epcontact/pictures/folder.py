@@ -52,6 +52,8 @@ _REDUCTION = 2
 #: keeps the hue of thin lines and grids.  It may leave out a colour of a scale, which
 #: would then be drawn white, so that pictures of fields need "maximum coverage".
 _COLOURS = 20
+#: The colours of a picture with two scales, those of pressures and of differences.
+_COLOURS_OF_TWO_SCALES = 120
 #: Beginnings of the names of pictures that show fields.
 _FIELDS = ("contact-", "pressure-difference-", "body-")
 
@@ -129,10 +131,13 @@ def write_page_pictures(folder: Path, names: Sequence[str]) -> None:
         if source.is_file():
             small = Image.open(io.BytesIO(read_bytes(source))).convert("RGB")
             method = Image.Quantize.FASTOCTREE
+            colours = _COLOURS
             if name.startswith(_FIELDS):
                 method = Image.Quantize.MAXCOVERAGE
+            if name.startswith("pressure-difference-"):
+                colours = _COLOURS_OF_TWO_SCALES
             small = small.reduce(_REDUCTION).quantize(
-                _COLOURS, method, dither=Image.Dither.NONE
+                colours, method, dither=Image.Dither.NONE
             )
             content = io.BytesIO()
             small.convert("RGB").save(content, "webp", lossless=True)
