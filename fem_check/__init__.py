@@ -15,8 +15,9 @@ independent of the boundary elements.  The algorithms are so only in part:
   active sets find the contact, and numba compiles the loops.
 - J2 flow is solved in the volume, by Newton's method with radial return in loops of
   numba.  The transforms precondition its linear solves, with the contact set held.
-- `plain` shares none of this.  Its mesh, forms and assembly are scikit-fem's, its
-  linear solver is scipy's, and it has no Fourier transform.  Cases compare it with the
+- `plain` shares no code with these.  Its mesh, forms and assembly are scikit-fem's, its
+  linear solver is scipy's, and it has no Fourier transform; its contact is an active
+  set, too.  Cases compare it with the
   fast elements state by state, and its functions certify every state of these.  Both
   have the choice of the nodes and the estimate of corrected areas in common.
 """

@@ -180,7 +180,7 @@ def _require_certificate(certificate: dict[str, float], tolerance: float) -> Non
         "certified_flow": "the plastic strains of the last increment differ",
     }
     for name, meaning in meanings.items():
-        if certificate.get(name, 0.0) > largest:
+        if not certificate.get(name, 0.0) <= largest:  # also if it is NaN
             raise NotConverged(
                 f"plain scikit-fem does not confirm the converged state: {meaning} by "
                 f"the fraction {certificate[name]:.1e}",

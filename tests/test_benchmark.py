@@ -103,27 +103,36 @@ def test_fields_from_outside_have_the_row_of_their_code(tmp_path, pressures):
 
 
 def test_the_summary_has_medians_and_largest_differences(tmp_path, pressures):
-    """A code with twice the pressures of the reference has a distance of 1 in the L2
-    norm, and of the mean over the mean contact pressure in the distribution.
+    """A code whose pressures are larger by a fraction has this distance in the L2 norm,
+    and this fraction of the mean over the mean contact pressure in the distribution.
     """
-    doubled = pressures.assign(plain=2 * pressures["plain"]).query("scene == 'mild'")
-    file = write_fields(doubled, tmp_path / "double.csv", "plain")
+    larger = pressures.assign(plain=1.008 * pressures["plain"])
+    file = write_fields(larger.query("scene == 'mild'"), tmp_path / "more.csv", "plain")
     table = compare_codes([file])
-    row = summarise(table).loc["double"]
+    row = summarise(table).loc["more"]
     assert row["loads"] == 2
-    assert row["field"] == row["field_largest"] == pytest.approx(1)
-    areas = table.query("code == 'double'")["area"]
-    assert row["distribution"] == pytest.approx(areas.median())
-    assert row["distribution_largest"] == pytest.approx(areas.max())
+    assert row["field"] == pytest.approx(0.008, rel=1e-3)
+    assert row["field_largest"] == pytest.approx(0.008, rel=1e-3)
+    areas = table.query("code == 'more'")["area"]
+    assert row["distribution"] == pytest.approx(0.008 * areas.median(), rel=1e-3)
+    assert row["distribution_largest"] == pytest.approx(0.008 * areas.max(), rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda fields: fields[:-1], "must have each of the"),
-        (lambda fields: pd.concat([fields, fields[:1]]), "must have each of the"),
-        (lambda fields: fields.assign(scene="moon"), "must have each of the"),
+        (lambda fields: fields[:-1], "must have each node"),
+        (lambda fields: pd.concat([fields, fields[:1]]), "must have each node"),
+        (lambda fields: fields.assign(i=fields["i"] + 1), "count from 0"),
+        (lambda fields: fields.assign(scene="moon"), "must be of these: mild 1"),
+        (lambda fields: fields[:0], "no rows"),
         (lambda fields: fields.assign(pressure=np.inf), "no finite number"),
+        (lambda fields: fields.assign(pressure=-fields["pressure"]), "negative"),
+        (lambda fields: fields.assign(pressure=fields["pressure"] / 1e6), "in Pa"),
+        (
+            lambda fields: fields.assign(gap=[1.0, *fields["i"][1:] * np.nan]),
+            "gap must",
+        ),
         (lambda fields: fields.assign(pressure="high"), "needs the columns"),
         (lambda fields: fields.drop(columns="load"), "needs the columns"),
     ],
@@ -168,3 +177,21 @@ def test_other_codes_have_their_stored_areas(code, scene):
     found = laboratory.solve(laboratory.cases()[scene], *laboratory.CODES[code])
     areas = [result.final.areas["raw"].total for result in found]
     np.testing.assert_allclose(areas, stored["area"], rtol=0.02)
+
+
+@pytest.mark.parametrize("name", ["plain", "theory-3"])
+def test_the_name_of_another_code_is_refused(tmp_path, pressures, name):
+    """A file that is named like a code of the benchmark, with fields or without."""
+    file = write_fields(pressures, tmp_path / f"{name}.csv")
+    with pytest.raises(InvalidCase, match="another name"):
+        compare_codes([file])
+
+
+def test_two_files_of_one_name_are_refused(tmp_path, pressures):
+    """Two codes cannot have the same name, although their files are in two folders."""
+    (tmp_path / "other").mkdir()
+    files = [tmp_path / "mine.csv", tmp_path / "other" / "mine.csv"]
+    for file in files:
+        write_fields(pressures, file)
+    with pytest.raises(InvalidCase, match="another name"):
+        compare_codes(files)

@@ -793,6 +793,7 @@ def writing_options():
 #: Words before the output that make a command valid as far as its files go.
 READ = {
     "accuracy": [],
+    "benchmark": ["{map}", "{values}"],
     "compare": ["{verdict}"],
     "export": ["fem-elastic"],
     "new": ["{map}"],

@@ -217,6 +217,7 @@ def benchmark(files: tuple[Path, ...], table: Path | None, copy: Path | None) ->
     for code, row in benchmarks.summarise(results).iterrows():
         texts = [str(code), f"{row['loads']:.0f}"]
         for name, form in benchmarks.COLUMNS.values():
-            texts.append(form.format(row[name], row[f"{name}_largest"]))
-        cells.append(tuple(re.sub(r"[+]?nan%?", "–", text) for text in texts))
+            text = form.format(row[name], row[f"{name}_largest"])
+            texts.append(re.sub(r"[+]?nan%?", "–", text))
+        cells.append(tuple(texts))
     print_rows(open_console(), headings, cells)

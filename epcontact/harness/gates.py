@@ -181,9 +181,15 @@ def carried_pressure(distribution: PressureDistribution) -> float:
 def l2_distance(found: NDArray[Any], exact: NDArray[Any]) -> float:
     """Return ||found - exact||_2 / ||exact||_2, dimensionless.
 
-    Both are fields in one unit on one grid, arrays of one shape.
+    Both are fields in one unit on one grid, arrays of one shape.  Equal fields have the
+    distance 0, also if they are 0; from an exact field of 0 all others are infinitely
+    far.
     """
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+    difference = float(np.linalg.norm(found - exact))
+    if difference == 0:
+        return 0.0
+    scale = float(np.linalg.norm(exact))
+    return difference / scale if scale else math.inf
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ _NODE = [*_LOAD, "i", "j"]
 QUANTITIES = ("area", "area_limit", "mean_gap")
 #: Distances of its pressures from those of the reference, see `_distances`.
 DISTANCES = ("field", "distribution")
+#: Largest relative error of the mean pressure of another code at a load.
+LARGEST_LOAD_ERROR = 0.01
 #: The columns of the summary on a terminal: the name of the value in `compare_codes`,
 #: and the form of its median and of its largest absolute value.
 COLUMNS = {
@@ -58,14 +60,19 @@ def compare_codes(files: Sequence[Path] = ()) -> pd.DataFrame:
             file may lack scenes and loads.
 
     Raises:
-        InvalidCase: A file has no such columns, unknown nodes, or not all nodes of a
-            load.
+        InvalidCase: A file has the name of another code, no such columns, unknown
+            nodes, not all nodes of a load, or pressures of another load.
         OutputError: A file cannot be read.
     """
     results = [pd.read_csv(folder() / "results.csv")]
     pressures = pd.read_csv(folder() / "pressures.csv", index_col=_NODE)
     for file in files:
-        fields = _read_fields(file, pressures.index)
+        if file.stem in {*results[0]["code"], *pressures}:
+            raise InvalidCase(
+                f"{file}: there are results of a code {file.stem!r} already; give the "
+                "file another name"
+            )
+        fields = _read_fields(file, pressures[REFERENCE])
         pressures[file.stem] = fields["pressure"]
         results.append(_results_of_fields(fields).assign(code=file.stem))
     table = pd.concat(results, ignore_index=True)
@@ -103,12 +110,12 @@ def copy_files(destination: Path) -> None:
         raise output_error("write", destination, error) from None
 
 
-def _read_fields(file: Path, nodes: pd.MultiIndex) -> pd.DataFrame:
+def _read_fields(file: Path, exact: pd.Series) -> pd.DataFrame:
     """Return the fields of a code, with a row for each of its nodes.
 
     Args:
         file: See `compare_codes`.
-        nodes: All nodes of the scenes.
+        exact: Pressures of the reference at all nodes of the scenes, in Pa.
     """
     content = io.BytesIO(read_bytes(file))
     try:
@@ -118,17 +125,42 @@ def _read_fields(file: Path, nodes: pd.MultiIndex) -> pd.DataFrame:
     except (KeyError, ValueError) as error:
         raise InvalidCase(
             f"{file}: needs the columns {', '.join(_NODE)}, pressure and, if it is "
-            f"known, gap, with numbers ({sentence_of(error)})"
+            f"known, gap, with numbers between commas ({sentence_of(error)})"
         ) from error
-    loads = values.index.droplevel(["i", "j"])
-    expected = nodes[nodes.droplevel(["i", "j"]).isin(loads)]
-    if not values.index.sort_values().equals(expected.sort_values()):
+    loads = values.index.droplevel(["i", "j"]).unique()
+    of_load = exact.index.droplevel(["i", "j"])
+    unknown = loads.difference(of_load)
+    if values.empty or len(unknown):
         raise InvalidCase(
-            f"{file}: has {len(values)} nodes, but must have each of the "
-            f"{len(expected)} nodes of its scenes and loads once, as pressures.csv"
+            f"{file}: has {list(unknown) or 'no rows'}, but its scenes and loads must "
+            f"be of these: {', '.join(f'{scene} {n}' for scene, n in of_load.unique())}"
         )
-    if not np.isfinite(values["pressure"]).all():
-        raise InvalidCase(f"{file}: a pressure is no finite number")
+    exact = exact[of_load.isin(loads)]
+    wrong = values.index.symmetric_difference(exact.index)
+    if len(wrong) or values.index.has_duplicates:
+        raise InvalidCase(
+            f"{file}: must have each node of its scenes and loads once, as "
+            "pressures.csv; i and j count from 0, loads from 1 "
+            f"(first that is missing or unknown: {[*wrong, 'none'][0]})"
+        )
+    pressure = values["pressure"]
+    if not pressure.between(0, np.inf, inclusive="left").all():
+        raise InvalidCase(f"{file}: a pressure is negative or no finite number")
+    means, expected = (
+        column.groupby(level=_LOAD).mean() for column in (pressure, exact)
+    )
+    ratio = means / expected
+    if ((ratio - 1).abs() > LARGEST_LOAD_ERROR).any():
+        worst = (ratio - 1).abs().idxmax()
+        raise InvalidCase(
+            f"{file}: the mean pressure of {worst} is {means[worst]:.4g}, but the load "
+            f"is {expected[worst]:.4g} Pa; give pressures in Pa"
+        )
+    gaps = np.isfinite(values["gap"]).groupby(level=_LOAD).mean()
+    if not gaps.isin([0, 1]).all() or np.isinf(values["gap"]).any():
+        raise InvalidCase(
+            f"{file}: gap must be a finite number at all nodes of a load, or at none"
+        )
     return values
 
 

@@ -71,7 +71,10 @@ def pressure_distribution(
             kind = "" if method in formulas else "counted "
             labels[method] = f"{method} ({kind}plastic area {plastic_area:.4g})"
     capped = bool(np.isfinite(hardness))
-    largest = hardness if capped else float(table[PRESSURE].max())
+    # J2 elements press with more than the hardness of the other methods.
+    largest = float(table[PRESSURE].max())
+    if capped:
+        largest = max(largest, hardness)
     scale, unit = unit_for(largest, "Pa")
     first_result = next(result for each in results.values() for result in each)
     upright = {r"$\sigma_0$": first_result.final.mean_pressure / scale}
