@@ -209,12 +209,11 @@ def _elastic_energy(path: SolvedPath, point: PathPoint, pressure: FloatArray) ->
     """
     scene = path.scene
     law = path.problem.law
-    if "stored_energy" in point.flow:
-        energy = point.flow["stored_energy"]
-    else:
+    if "stored_energy" not in point.flow:
         # Without plastic flow, the work of the pressures is twice the energy.
-        down = -point.state.displacement[0, ..., 2]
-        energy = float((pressure * down).mean()) / 2
+        work = pressure * _downward_displacement(scene, point)
+        return float(work.mean()) / 2
+    energy = point.flow["stored_energy"]
     if scene.body.kind == "half_space":
         confined_modulus = law.bulk_modulus + 4 / 3 * law.shear_modulus
         depth = path.problem.block.depth
