@@ -220,4 +220,9 @@ def benchmark(files: tuple[Path, ...], table: Path | None, copy: Path | None) ->
             text = form.format(row[name], row[f"{name}_largest"])
             texts.append(re.sub(r"[+]?nan%?", "–", text))
         cells.append(tuple(texts))
-    print_rows(open_console(), headings, cells)
+    console = open_console()
+    print_rows(console, headings, cells)
+    console.print(
+        "median (largest) difference from plain finite elements over the loads of a "
+        "code; the results of all codes but FILES are stored, nothing was solved"
+    )
