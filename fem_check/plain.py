@@ -86,10 +86,10 @@ LEAST_FORCING = 1e-7
 LARGEST_FORCING = 1e-2
 #: Newton steps of an increment that are always full ones.  Most increments need fewer.
 FULL_STEPS = 10
-#: Unbalanced force over the load above which later steps may be shortened, and how
-#: often.  Closer to the equilibrium full steps converge quadratically.
+#: Unbalanced force over the load above which later steps may be shortened, and the
+#: shortest fraction.  Closer to the equilibrium full steps converge quadratically.
 LARGEST_UNBALANCE = 1e-4
-MOST_CUTS = 12
+SHORTEST_STEP = 1e-3
 #: Unbalanced force over the largest load that is rounding: a linear solve cannot reduce
 #: the part of it that would move a sliding block sideways.
 ROUNDED_FORCE = 1e-15
@@ -574,16 +574,8 @@ def equilibrium(
             block, unbalanced, forces, gap, contact, load, largest_load
         )
         if max(residuals.values()) <= tolerance:
-            return State(
-                u,
-                flat,
-                forces,
-                contact,
-                returned.history,
-                residuals,
-                newton_steps,
-                cg_iterations,
-            )
+            steps = newton_steps, cg_iterations
+            return State(u, flat, forces, contact, returned.history, residuals, *steps)
         if load > 0 and newton_steps > 0:
             contact = np.where(contact, forces > 0, gap < 0)
             if not contact.any():
@@ -595,13 +587,9 @@ def equilibrium(
         fraction_lost = 1 - 0.1 * unbalance
         forcing = min(max(unbalance, LEAST_FORCING), LARGEST_FORCING)
         stiffness = block.elastic_stiffness - fraction_lost * (expand.T @ lost @ expand)
+        tolerances = forcing, ROUNDED_FORCE * largest_load
         change, iterations = _newton_step(
-            stiffness,
-            internal,
-            block.top[contact],
-            gap[contact],
-            load,
-            (forcing, ROUNDED_FORCE * largest_load),
+            stiffness, internal, block.top[contact], gap[contact], load, tolerances
         )
         fraction = 1.0
         if newton_steps >= FULL_STEPS and unbalance > LARGEST_UNBALANCE:
@@ -646,8 +634,8 @@ def _step_length(
     """Return the fraction of a Newton step at which the energy hardly falls any more.
 
     Over an increment, radial return has an energy, which is convex: its slope along the
-    step grows.  A full step that ends where the slope is positive goes too far, and a
-    secant finds a fraction where the slope is small.
+    step grows.  A step that ends where the energy rises steeply goes too far, and is
+    halved.
 
     Args:
         block: the body.
@@ -664,25 +652,11 @@ def _step_length(
         return float(internal @ change[:-1] + load * change[-1])
 
     first_slope = slope_at(0.0)
-    low = 0.0
-    low_slope = first_slope
     fraction = 1.0
-    high = 1.0
-    high_slope = slope = slope_at(1.0)
-    if first_slope >= 0 or slope <= 0:
-        return 1.0
-    for _ in range(MOST_CUTS):
-        if abs(slope) <= 0.3 * abs(first_slope):
+    while first_slope < 0 and slope_at(fraction) > 0.3 * abs(first_slope):
+        fraction /= 2
+        if fraction < SHORTEST_STEP:
             break
-        secant = low_slope / (low_slope - high_slope)
-        fraction = low + min(max(secant, 0.1), 0.9) * (high - low)
-        slope = slope_at(fraction)
-        if slope > 0:
-            high = fraction
-            high_slope = slope
-        else:
-            low = fraction
-            low_slope = slope
     return fraction
 
 
