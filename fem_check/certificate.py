@@ -67,13 +67,9 @@ def certify(
         dofs = elements.basis.nodal_dofs
         displacement = np.empty(elements.basis.N)
         displacement[dofs] = u[node].T
-        returned = plain.radial_return(
-            law,
-            elements.deviatoric_strain(displacement),
-            _history_of_part(before, part),
+        nodal, returned = elements.internal_force(
+            law, displacement, _history_of_part(before, part)
         )
-        mean_stress = law.bulk_modulus * elements.mean_dilatation(displacement)
-        nodal = elements.force(returned.stress, mean_stress)
         np.add.at(force, node, nodal[dofs].T)
         if law.flows:
             expected = _history_of_part(after, part)

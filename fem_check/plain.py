@@ -325,6 +325,20 @@ class Elements:
         force: FloatArray = _stress_work.assemble(self.basis, s=deviatoric_stress)
         return np.asarray(force + self.divergence.T @ mean_stress)
 
+    def internal_force(
+        self, law: Law, u: FloatArray, history: History
+    ) -> tuple[FloatArray, Return]:
+        """Return the internal force in N, and the radial return behind it.
+
+        Args:
+            law: of the material, with or without flow.
+            u: displacements, in m.
+            history: of the elements before the increment.
+        """
+        returned = radial_return(law, self.deviatoric_strain(u), history)
+        mean_stress = law.bulk_modulus * self.mean_dilatation(u)
+        return self.force(returned.stress, mean_stress), returned
+
     def elastic_stiffness(self, law: Law) -> csr_matrix:
         """Return the elastic stiffness between all unknowns, in N/m."""
         shear = _shear.assemble(self.basis)
@@ -615,11 +629,8 @@ def _internal_force(
         u: (unknowns,) free unknowns, in m.
         history: of the elements before the increment.
     """
-    elements = block.elements
     everywhere = block.unknowns @ u
-    returned = radial_return(law, elements.deviatoric_strain(everywhere), history)
-    mean_stress = law.bulk_modulus * elements.mean_dilatation(everywhere)
-    force = elements.force(returned.stress, mean_stress)
+    force, returned = block.elements.internal_force(law, everywhere, history)
     return block.unknowns.T @ force, returned
 
 
